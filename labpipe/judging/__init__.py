@@ -1,16 +1,10 @@
 """Verdicts on records: believability, agreement with a model, and the errors that a comparison could have shown.
 
-A check compares two ways to the same quantity, or a quantity with a law
-(:func:`compared`, :func:`bounded`, :func:`stated`, :func:`not_made`); :func:`judge` makes one
-verdict of all checks of a record and ranks the mistakes that would explain them
-(:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
-covariance, :func:`along_curve` a whole curve in :func:`stretches` of it; :func:`detectable` says
-how large an error of each input it would have shown, and :func:`suspects` which input, stated wrongly, would explain
-a difference.
-
-Nothing here knows a kind of experiment; the scheme of levels follows the flags that
-oceanographers use (QARTOD: pass, not evaluated, suspect, fail). Each name is loaded when it is first
-used: reading a stored verdict takes no SciPy.
+:func:`judge` makes one verdict of all checks of a record (:func:`compared`, :func:`bounded`, :func:`stated`,
+:func:`not_made`) and ranks the mistakes that would explain them (:class:`Cause`). :func:`agreement` compares measured
+with predicted values, with their whole covariance, :func:`along_curve` a curve in :func:`stretches`;
+:func:`detectable` and :func:`fitted_errors` give the error of each input that would have shown, and that would explain
+a difference. Levels follow QARTOD: pass, not evaluated, suspect, fail. Names are loaded when first used.
 """
 
 from typing import TYPE_CHECKING
@@ -25,10 +19,10 @@ if TYPE_CHECKING:
         agreement as agreement,
         along_curve as along_curve,
         detectable as detectable,
+        fitted_errors as fitted_errors,
         model_verdict as model_verdict,
         stretch_means as stretch_means,
         stretches as stretches,
-        suspects as suspects,
     )
     from labpipe.judging._cause import (
         SLIPS as SLIPS,

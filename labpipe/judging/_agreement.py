@@ -10,7 +10,7 @@ many are its degrees of freedom.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,16 +32,9 @@ probability with which a detectable error is shown."""
 class Agreement:
     """Agreement of predicted values with measured ones.
 
-    Attributes
-    ----------
-    chi2 : float
-        Sum of squares of independent differences in units of their uncertainty.
-    degrees_of_freedom : float
-        No whole number where a slack takes a part of one.
-    p : float
-        Probability of a larger one if the model is right and the uncertainties are.
-    largest : float
-        Largest difference of a row in units of its own uncertainty.
+    ``chi2`` is the sum of squares of independent differences in units of their uncertainty, with
+    ``degrees_of_freedom`` (no whole number where a slack takes a part of one) and ``p``, the probability of a larger
+    one if model and uncertainties are right; ``largest`` is the largest difference in units of its own uncertainty.
     """
 
     chi2: float
@@ -104,14 +97,9 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
 
 
 def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
-    """Say in one word whether the model agrees.
+    """Say in one word whether the model agrees; None where there is no model.
 
-    Parameters
-    ----------
-    found : Agreement or None
-        None where there is no model.
-    could_notice : bool
-        Whether the comparison could have shown an error that matters (see :func:`detectable`).
+    ``could_notice``: whether the comparison could have shown an error that matters (see :func:`detectable`).
     """
     if found is None:
         return "none"
@@ -159,34 +147,11 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     return np.divide(np.sqrt(noncentrality), strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
-_SAME = 0.995
-"""Cosine between the effects of two inputs beyond which the comparison cannot distinguish them."""
+def fitted_errors(differences: ArrayLike, sensitivities: ArrayLike, covariance: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the error of each input alone that explains most of the differences.
 
-
-class Suspect(NamedTuple):
-    """An input, and the error of it that explains most.
-
-    Attributes
-    ----------
-    inputs : tuple of int
-        The input, and those whose errors would look the same, the likeliest first.
-    error : float
-        By which the first of them is stated too large, in its unit.
-    share : float
-        Share of chi square that this error alone takes away.
-    """
-
-    inputs: tuple[int, ...]
-    error: float
-    share: float
-
-
-def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: ArrayLike) -> list[Suspect]:
-    """Rank inputs by how much of chi square an error of each alone explains.
-
-    An error e of an input moves the differences by s e; generalised least squares gives
-    e = s' C⁻¹ d / s' C⁻¹ s, which takes (s' C⁻¹ d)² / s' C⁻¹ s away from chi square (Aitken,
-    https://doi.org/10.1017/S0370164600014346).
+    Generalised least squares gives e = s' C⁻¹ d / s' C⁻¹ s, which takes (s' C⁻¹ d)² / s' C⁻¹ s away from chi square
+    (Aitken, https://doi.org/10.1017/S0370164600014346).
 
     Parameters
     ----------
@@ -199,36 +164,21 @@ def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: Array
 
     Returns
     -------
-    list of Suspect
-        The input that explains most first; one without effect is left out.
+    errors, shares : array (input,)
+        By how much each input is stated too large, in its unit, and the share of chi square that this explains; 0 for
+        an input without effect.
 
     Examples
     --------
-    >>> (first, second) = suspects([2.0, 2.0], [[1.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]])
-    >>> first.inputs, round(first.error, 1), round(first.share, 1), second.inputs
-    ((0,), 2.0, 1.0, (1,))
+    >>> errors, shares = fitted_errors([2.0, 2.0], [[1.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]])
+    >>> errors.round(1).tolist(), shares.round(1).tolist()
+    ([2.0, 2.0], [1.0, 0.5])
     """
-    d, S = np.asarray(differences, float), np.asarray(sensitivities, float)
     root, _ = _directions(np.atleast_2d(np.asarray(covariance, float)))
-    seen, effects = root @ d, root @ S
-    chi2, strength = float(seen @ seen), np.linalg.norm(effects, axis=0)
-    able = np.flatnonzero(strength > 0.0)
-    if not chi2 or not able.size:
-        return []
-    along = effects[:, able] / strength[able]
-    share = (along.T @ seen) ** 2 / chi2
-    found: list[Suspect] = []
-    taken: set[int] = set()
-    for place in np.argsort(-share, kind="stable"):
-        if place in taken:
-            continue
-        cosines = np.abs(along.T @ along[:, place])
-        alike = [i for i in np.argsort(-cosines, kind="stable") if cosines[i] > _SAME and i not in taken]
-        alike = [place, *(i for i in alike if i != place)]
-        taken.update(alike)
-        error = float(along[:, place] @ seen / strength[able[place]])
-        found.append(Suspect(tuple(int(able[i]) for i in alike), error, float(share[place])))
-    return found
+    seen, effects = root @ np.asarray(differences, float), root @ np.asarray(sensitivities, float)
+    weight = np.sum(effects**2, axis=0)
+    errors = np.divide(effects.T @ seen, weight, out=np.zeros_like(weight), where=weight > 0.0)
+    return errors, errors**2 * weight / max(float(seen @ seen), np.finfo(float).tiny)
 
 
 _OPEN = 0.05
@@ -331,17 +281,5 @@ def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Fl
 
 
 def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Floats:
-    """Return the means of several curves over the same stretches.
-
-    Parameters
-    ----------
-    curves : iterable of array (sample,)
-        Such as the changes by one standard uncertainty of each input.
-    places : sequence of array of int
-        Samples of each stretch.
-
-    Returns
-    -------
-    array (curve, stretch)
-    """
+    """Return the means (curve, stretch) of several curves (sample,) over the samples of each stretch."""
     return np.array([[one[place].mean() for place in places] for one in curves])

@@ -7,7 +7,7 @@ ranked by the chi square that they leave.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from math import exp, floor, hypot, inf, isfinite, log, log10, pi, sqrt
 from typing import NamedTuple
 
@@ -20,7 +20,6 @@ _USUAL = 9.0
 in units of chi square."""
 _SLACK = 0.02
 """Relative distance of a fitted factor from such a factor: other inputs may be off too."""
-_STRAY = 0.1  # of the bend of the effect that is largest, by which any may leave its power law
 _SMALL = 1.1  # factor below which per cent say more
 _GROUPED = 1e4  # from which the digits of a number are grouped
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
@@ -57,22 +56,16 @@ class Cause:
     Attributes
     ----------
     effects : mapping of str to float
-        Name of a check to the power of the factor by which it moves (seen over expected); others do not
-        move.
+        Power of the factor by which each check (seen over expected) moves; others do not move.
     say : callable
-        Takes the factor and returns the sentence, such as ``"the sampling cycle is probably
-        100 µs, not 50 µs"``.
-    usual : tuple of float
-        Factors that the mistake usually has; empty when any is as likely.
-    only_usual : bool
-        No other factor is this mistake.
+        Takes the factor and returns the sentence, such as ``"the sampling cycle is probably 100 µs, not 50 µs"``.
+    usual, only_usual : tuple of float, bool
+        Factors that the mistake usually has, empty when any is as likely; whether no other factor is this mistake.
+    slack : float
+        Relative difference of a factor, as it is found, from a usual one.
     u : float
         Relative standard uncertainty of the input as it is stated. A factor of more than ten of them is
         possible only as a typing error, and comes after every other cause.
-    slack : float
-        Relative difference of a factor, as it is found, from a usual one.
-    bend : float
-        Relative uncertainty of the powers over such a factor: effects that follow a power law only nearly.
     file, line, setting
         The place, see :class:`Finding`.
     """
@@ -82,11 +75,11 @@ class Cause:
     usual: tuple[float, ...] = ()
     only_usual: bool = False
     slack: float = _SLACK
-    bend: float = field(default=0.0, kw_only=True)
-    u: float = field(default=inf, kw_only=True)
-    file: str = field(default="", kw_only=True)
-    line: int | None = field(default=None, kw_only=True)
-    setting: str = field(default="", kw_only=True)
+    _: KW_ONLY
+    u: float = inf
+    file: str = ""
+    line: int | None = None
+    setting: str = ""
 
 
 class Explanation(NamedTuple):
@@ -117,19 +110,9 @@ class Explanation(NamedTuple):
 
 
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
-    """Rank the causes that explain the checks, the likeliest first.
+    """Rank the causes that explain nine tenths of the checks' chi square, the likeliest first.
 
-    Parameters
-    ----------
-    checks : sequence of Check
-        Those with a logarithm count, also the ones that are right: a cause that would move them is
-        the less likely for it.
-    causes : sequence of Cause
-
-    Returns
-    -------
-    tuple of Explanation
-        Empty when no cause explains nine tenths of chi square.
+    Checks that are right count as well, by their logarithms: a cause that would move them is the less likely for it.
     """
     rows = [
         (c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR))
@@ -146,27 +129,20 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
             continue
         best = sum(d * r / u**2 for d, r, u in moved) / weight
         usual = min((log(k) for k in cause.usual), key=lambda place: abs(place - best), default=inf)
-        bend = cause.bend * usual if isfinite(usual) else 0.0
         # what can be no other factor is that one, as far as the checks tell
-        is_usual = abs(usual - best) <= 2 * hypot(cause.slack, bend, cause.only_usual / sqrt(weight))
+        is_usual = abs(usual - best) <= 2 * hypot(cause.slack, cause.only_usual / sqrt(weight))
         if cause.only_usual and not is_usual:
             continue
         place = usual if is_usual else best
-        # Held against the same uncertainties, or a usual factor would explain by its slack alone.
-        own = [hypot(u, d * cause.slack) if is_usual else u for d, _, u in moved]
-        stray = _STRAY * bend * max(abs(d) for d, _, _ in moved)
-        widened = [
-            (d, r, hypot(u, d * bend, stray) if is_usual else u) for (d, r, _), u in zip(moved, own, strict=True)
-        ]
-        before = sum((r / u) ** 2 for _, r, u in widened)
-        left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
-        names = tuple(name for name, _, _ in rows if cause.effects.get(name))
-        vagueness = 2.0 * sum(log(wide / u) for (*_, wide), u in zip(widened, own, strict=True))
-        score = left + vagueness - (_USUAL if is_usual else 0.0)
+        # held against the same uncertainties, or a usual factor would explain by its slack alone
+        held = [(d, r, hypot(u, d * cause.slack) if is_usual else u) for d, r, u in moved]
+        before = sum((r / u) ** 2 for _, r, u in held)
+        rest = [(d, (r - d * place) / u) for d, r, u in held]
+        left = sum(z**2 for _, z in rest)
         # a check that it does not move, and that is right, speaks neither for it nor against it
-        against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
-        if against <= max(_EXPLAINED * before, _ALIKE):
-            n_u = 0.0 if is_usual else abs(place) / cause.u
+        if sum(z**2 for d, z in rest if d or abs(z) > _RIGHT) <= max(_EXPLAINED * before, _ALIKE):
+            names = tuple(name for name, *_ in rows if cause.effects.get(name))
+            score, n_u = left - _USUAL * is_usual, 0.0 if is_usual else abs(place) / cause.u
             found.append(Explanation(cause, exp(place), names, score, 1.0 - left / (before or 1.0), n_u))
     return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
 
@@ -174,16 +150,8 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
 def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:
     """Return checks, those that fail and have no cause of their own with the likeliest that explains them.
 
-    Parameters
-    ----------
-    checks : sequence of Check
-    ranked : sequence of Explanation
-        The likeliest first, from :func:`explain`.
-
-    Returns
-    -------
-    list of Check
-        With the file, line and setting of the cause, where it has any; causes that explain as much are all given.
+    `ranked` are the causes from :func:`explain`; those that explain as much are all given, with file, line and setting
+    of the first.
     """
     told = []
     for check in checks:

@@ -4,7 +4,7 @@ A check is one physical redundancy or one property of a record. It is evaluated 
 or once for every value that an experiment states, and is one row of a page: the check with its evaluations.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from math import hypot, inf, isfinite, log, nan
 from typing import Literal, NamedTuple, TypedDict, Unpack
 
@@ -28,24 +28,11 @@ BROKEN = 5.0
 class Finding:
     """A fault of a record, its most likely cause, and where to look.
 
-    Attributes
-    ----------
-    check : str
-        Name of the check.
-    level : "impossible", "doubtful" or "note"
-    message : str
-        Observation and expectation, with numbers.
-    cause : str
-        The most likely mistake; empty when nothing singles one out.
-    file : str
-        File of the session to look at, relative to it; empty for session.toml.
-    line : int or None
-        Line of that file, where it is known from its content.
-    setting : str
-        Dotted name in that file (``"sphere.radius"``; of session.toml below the experiment), from
-        which the line is found when the finding is shown: lines move, names do not.
-    value : str
-        Text of that line, found then too.
+    ``check`` names the check; ``message`` gives observation and expectation, with numbers; ``cause`` is the most likely
+    mistake, empty when nothing singles one out. ``file`` of the session to look at is relative to it, empty for
+    session.toml, with the ``line`` where it is known. ``setting`` is a dotted name in that file (``"sphere.radius"``;
+    of session.toml below the experiment), from which line and ``value``, its text, are found when the finding is
+    shown: lines move, names do not.
     """
 
     check: str
@@ -81,25 +68,22 @@ class Check:
 
     Attributes
     ----------
-    name : str
-        The compared quantity, such as ``"free-fall acceleration"``; causes refer to it.
-    message : str
-        The observed and the expected value.
+    name, message : str
+        The compared quantity, to which causes refer, and the observed and the expected value.
     level : "impossible", "doubtful", "note" or None
         None where nothing is wrong.
     margin : float
         Difference in units of its standard uncertainty; NaN where that has no meaning, as within a limit.
     log_ratio, u_log_ratio : float
-        Natural logarithm of observed over expected and its standard uncertainty; NaN where a factor
-        would explain nothing. They distinguish causes.
+        Natural logarithm of observed over expected and its standard uncertainty, by which causes are distinguished;
+        NaN where a factor would explain nothing.
     needs : str
         Missing statement or recording; empty when the evaluation was made.
     cause, file, line, setting
         As in :class:`Finding`, where the check itself knows them; a passed evaluation has no cause.
-    title : str
-        Check that it belongs to; empty for one that is named as the quantity.
-    recording : str
-        Recording that was evaluated; empty for a value of the settings.
+    title, recording : str
+        Check that it belongs to, and recording that was evaluated; empty for one that is named as the quantity, and for
+        a value of the settings.
     is_generic : bool
         A processing step failed; a finding about the record itself explains it better.
     """
@@ -112,12 +96,13 @@ class Check:
     u_log_ratio: float = nan
     needs: str = ""
     cause: str = ""
-    file: str = field(default="", kw_only=True)
-    line: int | None = field(default=None, kw_only=True)
-    setting: str = field(default="", kw_only=True)
-    title: str = field(default="", kw_only=True)
-    recording: str = field(default="", kw_only=True)
-    is_generic: bool = field(default=False, kw_only=True)
+    _: KW_ONLY
+    file: str = ""
+    line: int | None = None
+    setting: str = ""
+    title: str = ""
+    recording: str = ""
+    is_generic: bool = False
 
     def __post_init__(self) -> None:
         if self.level is None:
@@ -155,26 +140,20 @@ class CheckSummary(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """Result over all recordings.
-
-        Examples
-        --------
-        >>> found = [Check("g", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
-        >>> CheckSummary("free fall", "", tuple(found)).summary
-        'passed in 2 of 2 recordings, worst margin 1.2 u'
-        """
+        """Result over all recordings, ``"passed in 2 of 2 recordings, worst margin 1.2 u"``."""
         made = [e for e in self.evaluations if e.is_made]
         if not made:
             return self.level or "not made"
-        places = dict.fromkeys(e.recording for e in made if e.recording)
-        noun, count = ("recording", len(places)) if places else ("evaluation", len(made))
         failed = [e for e in made if WEIGHT[e.level] > 1]
-        wrong = len({e.recording for e in failed} if places else failed)
-        word, share = (self.level, wrong) if failed else ("passed", count)
-        text = f"{word}" if count == 1 else f"{word} in {share} of {count} {noun}s"
+        noun, wrong, count = "evaluations", len(failed), len(made)
+        text = f"{self.level}" if failed else "passed"
+        if places := {e.recording for e in made if e.recording}:
+            noun, wrong, count = "recordings", len({e.recording for e in failed}), len(places)
+        if count > 1:
+            text = f"{text} in {wrong if failed else count} of {count} {noun}"
         margins = [abs(e.margin) for e in made if isfinite(e.margin)]
         if not margins:
-            return text
+            return f"{text}"
         # a passed comparison may differ by more where a systematic effect is allowed for
         allowed = " within the known systematic effects" if not failed and max(margins) > DOUBTFUL else ""
         return f"{text}, worst margin {max(margins):.1f} u{allowed}"
@@ -192,28 +171,18 @@ def compared(
     factor: bool = True,
     **place: Unpack[Place],
 ) -> Check:
-    """Compare two ways to the same quantity.
+    """Compare two ways to the same quantity: impossible beyond 10 u and the allowance, doubtful beyond 4 u.
 
     Parameters
     ----------
-    name, message : str
+    name, message, **place
         See :class:`Check`.
-    seen, expected : float
-        In the same unit.
-    u_seen, u_expected : float
-        Standard uncertainties, without contributions that both share.
+    seen, expected, u_seen, u_expected : float
+        In one unit; standard uncertainties without contributions that both share.
     allowance : float
-        Largest systematic effect that the kind of experiment knows (such as drag), in the same
-        unit: a smaller difference is never called impossible.
+        Largest systematic effect that the kind of experiment knows (such as drag), in the same unit.
     factor : bool
         Whether a wrong factor could explain a difference.
-    **place
-        ``cause``, ``file``, ``line`` and ``setting``; see :class:`Finding`.
-
-    Returns
-    -------
-    Check
-        Impossible beyond 10 u and the allowance, doubtful beyond 4 u.
 
     Examples
     --------
@@ -223,23 +192,13 @@ def compared(
     u = hypot(u_seen, u_expected)
     if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
         return not_made(name, "finite values with uncertainties")
-    difference = seen - expected
-    margin = difference / u
-    level: Level | None = None
-    if abs(margin) > IMPOSSIBLE and abs(difference) > allowance:
-        level = "impossible"
-    elif abs(margin) > DOUBTFUL and abs(difference) > allowance:
-        level = "doubtful"
-    is_ratio = factor and seen * expected > 0.0
-    return Check(
-        name,
-        message,
-        level,
-        margin,
-        log(seen / expected) if is_ratio else nan,
-        hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected) if is_ratio else nan,
-        **place,
-    )
+    margin, level = (seen - expected) / u, None
+    if abs(seen - expected) > allowance:
+        level = _level(abs(margin), IMPOSSIBLE, "impossible")
+    if not factor or seen * expected <= 0.0:
+        return Check(name, message, level, margin, **place)
+    u_ratio = hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected)
+    return Check(name, message, level, margin, log(seen / expected), u_ratio, **place)
 
 
 def bounded(
@@ -257,7 +216,7 @@ def bounded(
 
     Parameters
     ----------
-    name, message : str
+    name, message, **place
         See :class:`Check`.
     value, u : float
         With standard uncertainty, at least that of the noise.
@@ -265,8 +224,6 @@ def bounded(
         The law.
     is_law : bool
         False for a plausible range: beyond it a value is doubtful, never impossible.
-    **place
-        ``cause``, ``file``, ``line`` and ``setting``; see :class:`Finding`.
 
     Examples
     --------
@@ -277,12 +234,11 @@ def bounded(
         return not_made(name, "a finite value with its uncertainty")
     beyond = max(at_least - value, value - at_most)
     margin = nan if beyond <= 0.0 else beyond / u if u else inf
-    level: Level | None = None
-    if margin > BROKEN:
-        level = "impossible" if is_law else "doubtful"
-    elif margin > DOUBTFUL:
-        level = "doubtful"
-    return Check(name, message, level, margin, **place)
+    return Check(name, message, _level(margin, BROKEN, "impossible" if is_law else "doubtful"), margin, **place)
+
+
+def _level(margin: float, most: float, worst: Level) -> Level | None:
+    return worst if margin > most else "doubtful" if margin > DOUBTFUL else None
 
 
 def stated(name: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:

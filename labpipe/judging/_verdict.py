@@ -14,18 +14,12 @@ Verdict = Literal["yes", "doubtful", "impossible", "unknown"]
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Verdict on a record, with its checks.
+    """Verdict on a record.
 
-    Attributes
-    ----------
-    believable : "yes", "doubtful", "impossible" or "unknown"
-        Unknown when no check could be made, or when nothing was found by a run that did not get through.
-    checks : tuple of Check
-        Checks of every recording and stated value, also those that could not be made.
-    causes : tuple of str
-        Possible causes of the findings, the likeliest first.
-    laws : mapping of str to str
-        Sentence by the title of a check, in the order of the page.
+    ``believable`` is unknown when no check could be made, or when nothing was found by a run that did not get through;
+    ``checks`` are those of every recording and stated value, also those that could not be made; ``causes`` are
+    possible ones of the findings, the likeliest first; ``laws`` are sentences by the title of a check, in the order of
+    the page.
     """
 
     believable: Verdict
@@ -61,20 +55,10 @@ class Judgement:
 
 
 def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[str, str] | None = None) -> Judgement:
-    """Derive the verdict on a record from all its checks.
+    """Derive the verdict on a record from all its checks; `laws` as in :class:`Judgement`.
 
-    Parameters
-    ----------
-    checks : sequence of Check
-    causes : sequence of Cause
-        Mistakes that would explain several checks at once. The likeliest one is given with every
-        finding that it explains, with its file and line.
-    laws : mapping of str to str, optional
-        Sentence by the title of a check, in the order of the page.
-
-    Returns
-    -------
-    Judgement
+    `causes` are mistakes that would explain several checks at once: the likeliest one is given with every finding that
+    it explains, with its file and line.
     """
     ranked = explain(checks, causes)
     explained = with_causes(checks, ranked)

@@ -11,51 +11,22 @@ group ``labpipe.kinds``; ``ADDED`` lists those, with the reason if one is left o
 first look, so that a stage that runs imports no other kind.
 """
 
-import importlib
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from labpipe.plugins import tell
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.plugins import Plugin
     from pipelines.experiments._kind import (
-        JUDGEMENT,
-        Derived,
-        Found,
-        KeyNumber,
-        Kind,
-        Picture,
-        Proposal,
-        Proposed,
-        function,
+        JUDGEMENT as JUDGEMENT,
+        Derived as Derived,
+        Found as Found,
+        KeyNumber as KeyNumber,
+        Kind as Kind,
+        Picture as Picture,
+        Proposal as Proposal,
+        Proposed as Proposed,
+        function as function,
     )
-
-    KINDS: Mapping[str, Kind]
-    ADDED: tuple[Plugin[Kind], ...]
-
-__all__ = [
-    "ADDED",
-    "JUDGEMENT",
-    "KINDS",
-    "Derived",
-    "Found",
-    "KeyNumber",
-    "Kind",
-    "Picture",
-    "Proposal",
-    "Proposed",
-    "function",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """Make or import a public name when it is first used."""
-    if name in {"KINDS", "ADDED"}:
-        found = importlib.import_module("pipelines.experiments._registry").gathered()
-        globals().update(KINDS=found[0], ADDED=found[1])
-        tell(found[1])
-        return globals()[name]
-    if name in __all__:
-        return getattr(importlib.import_module("pipelines.experiments._kind"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from pipelines.experiments._registry import ADDED as ADDED, KINDS as KINDS
+else:
+    __getattr__ = lazily(__name__)

@@ -10,6 +10,7 @@ recordings for one that runs per recording), ``"file:sphere.material_file"``,
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,15 +53,14 @@ class KeyNumber:
 
     def within(self, result: "xr.Dataset") -> tuple[float, float | None] | None:
         """Return the number that a result holds, and its standard uncertainty if it holds that too."""
-        import numpy as np
-
-        if self.variable not in result:
+        values, us = (
+            [] if name not in result else result[name].values.ravel().tolist()
+            for name in (self.variable, f"u_{self.variable}")
+        )
+        at = next((i for i, value in enumerate(values) if isfinite(value)), None)
+        if at is None:
             return None
-        values = np.ravel(np.asarray(result[self.variable].values, float))
-        u = np.ravel(result[f"u_{self.variable}"].values) if f"u_{self.variable}" in result else values * np.nan
-        for i in np.flatnonzero(np.isfinite(values))[:1]:
-            return float(values[i]), float(u[i]) if u.size == values.size and np.isfinite(u[i]) else None
-        return None
+        return float(values[at]), float(us[at]) if len(us) == len(values) and isfinite(us[at]) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,30 +151,21 @@ class Kind:
     ----------
     name, title, summary : str
         As session.toml writes it; a heading; one line.
-    settings : type
-        Its table in session.toml.
-    stages : tuple of Stage
-        From the files to the report.
-    schemas : tuple of Schema
-        Shapes of results that the stages name.
-    key_numbers : tuple of KeyNumber
-    picture : Picture, optional
+    settings, body : type, str
+        Its table in session.toml, and the table therein that names a material, such as ``"sphere"``.
+    stages, schemas : tuple of Stage, of Schema
+        From the files to the report, and the shapes of results that they name.
+    key_numbers, picture : tuple of KeyNumber, Picture
+        Of the session's page.
     error : str
         The variable of the stage ``comparison`` that speaks for the whole comparison.
-    rows : Derived, optional
-        Yields :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``.
-    budget : Derived, optional
-        Yields :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
-    body : str
-        The table of the settings that names a material, such as ``"sphere"``.
-    evidence : Derived, optional
-        Evidence of ``identify`` on the material; may take ``name`` (the experiment's) and
-        ``impacts`` (how many bounces count), and returns a
-        :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that
-        says why there is none.
-    prior : Derived, optional
-        Knowledge of a material before ``identify``; may take ``name`` and ``temperature``
-        (degC or None), and returns a ``MaterialEvidence``.
+    rows, budget : Derived, optional
+        Yield :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``, and
+        :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
+    evidence, prior : Derived, optional
+        Evidence of ``identify`` on the material, and knowledge before it. Both may take ``name`` (the experiment's),
+        one ``impacts`` (how many bounces count), the other ``temperature`` (degC or None), and return a
+        :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that says why there is none.
     material : Derived, optional
         The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
         usual), and returns a :class:`labpipe.materials.Deck`.
@@ -203,25 +194,25 @@ class Kind:
 _ROOMS = "pipelines.experiments."
 
 
-def stage(
-    function: str, inputs: tuple[str, ...], parameters: tuple[str, ...] = (), *, name: str = "", **more: Any
-) -> Stage:
+def stage(function: str, inputs: str, parameters: str = "", summary: str = "", *, name: str = "", **more: Any) -> Stage:
     """Return a stage of the built-in kinds, called as its function unless it has another name.
 
-    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; its
-    other attributes are given by name.
+    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; inputs, parameters
+    and what it may lack or import are separated by spaces; other attributes are given by name.
     """
-    return Stage(name or function.rpartition(":")[2], f"{_ROOMS}{function}", inputs, parameters, **more)
+    more |= {key: tuple(more[key].split()) for key in more.keys() & {"may_lack", "imports"}}
+    name, function = name or function.rpartition(":")[2], f"{_ROOMS}{function}"
+    return Stage(name, function, tuple(inputs.split()), tuple(parameters.split()), summary=summary, **more)
 
 
-def solid_of(body: str) -> tuple[str, str]:
+def solid_of(body: str) -> str:
     """Return the inputs that define the solid of a body, the table of the settings that names a material."""
-    return f"{FILE}{body}.material_file", f"{OTHER}{body}.material_from/master_curve"
+    return f"{FILE}{body}.material_file {OTHER}{body}.material_from/master_curve"
 
 
-def derived(function: str, *inputs: str) -> Derived:
+def derived(function: str, inputs: str) -> Derived:
     """Return a function of results that is no stage, named as :func:`stage` names it."""
-    return Derived(f"{_ROOMS}{function}", inputs)
+    return Derived(f"{_ROOMS}{function}", tuple(inputs.split()))
 
 
 def proposal(content: str, function: str, records: str = "", **more: Any) -> Proposal:
@@ -230,27 +221,21 @@ def proposal(content: str, function: str, records: str = "", **more: Any) -> Pro
 
 
 def judged(
-    room: str,
-    inputs: tuple[str, ...],
-    asked: str = "is it believable, does the model agree?",
-    *,
-    rests_on: tuple[str, ...] = (),
+    room: str, inputs: str, asked: str = "is it believable, does the model agree?", *, rests_on: str = ""
 ) -> Stage:
     """Return the stage that judges an experiment, as every kind has it in its room.
 
     ``rests_on`` are the settings that name experiments whose results it uses: their judgements
     follow the other inputs.
     """
-    inputs += tuple(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on)
-    return stage(f"{room}.checks:{JUDGEMENT}", inputs, ("*",), context=True, summary=asked)
+    inputs = " ".join([inputs, *(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on.split())])
+    return stage(f"{room}.checks:{JUDGEMENT}", inputs, "*", asked, context=True)
 
 
-def reported(room: str, inputs: tuple[str, ...]) -> Stage:
+def reported(room: str, inputs: str) -> Stage:
     """Return the stage that writes the page, of the judgement and other results."""
-    shown = (JUDGEMENT, *inputs)
-    return stage(
-        f"{room}.page:page", shown, ("*",), name="report", output="page", context=True, summary="write the page"
-    )
+    shown = f"{JUDGEMENT} {inputs}"
+    return stage(f"{room}.page:page", shown, "*", "write the page", name="report", output="page", context=True)
 
 
 def function(text: str) -> Callable[..., Any]:

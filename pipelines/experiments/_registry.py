@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 
 from labpipe.errors import InputError
-from labpipe.plugins import Plugin, survey
+from labpipe.plugins import Plugin, survey, tell
 from labpipe.schema import Schema
 from labpipe.workflow.graph import ordered
 from pipelines.experiments._kind import Kind
@@ -28,7 +28,7 @@ OURS = (BALL_DROP, STATIC_LOADING, HARMONIC, RELAXATION, DIC_VALIDATION, CONTACT
 """From the general to the special: ``init`` offers a file to the last kind first."""
 
 
-def gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
+def _gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
     """Return all kinds by name, and those of other distributions with the reason if one is left out.
 
     Ours come first and cannot be replaced. A kind that cannot be loaded, or whose stages do not
@@ -61,3 +61,7 @@ def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
     except InputError as error:
         return str(error)
     return ""
+
+
+KINDS, ADDED = _gathered()
+tell(ADDED)

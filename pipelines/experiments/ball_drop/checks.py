@@ -1,6 +1,6 @@
 """Checks of a ball drop: free fall, stated height, order of bounces, contact, levels, repeats, and the record."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -87,12 +87,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         for name, one in moved.items()
         if one is not None and (found := bounced[name]) is not None and found.sizes["impact"]
     ]
-    if not records:
-        checks.append(not_made(G, "a record of bounces"))
+    checks += [] if records else [not_made(G, "a record of bounces")]
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
-    of_falls = [_of_fall(fall, one, stiffness, settings, of_traces) for fall, one in records]
+    of_falls = [_of_fall(fall, stiffness, settings, of_traces) for fall, _ in records]
     checks += _explained(of_falls, records, read, causes, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
@@ -100,11 +99,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         replace(c, cause=_OTHERWISE.get(c.name, "")) if c.level and not c.cause and c.name not in named else c
         for c in checks
     ]
-    compared = given.each([rows])
-    inputs = inputs_of(model)
+    compared, inputs = given.each([rows]), inputs_of(model)
     if inputs:
-        relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
-        inputs[SCALE] = Quantity(1.0, relative, "1")
+        inputs[SCALE] = Quantity(1.0, 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"]), "1")
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
     return Scene(
         checks,
@@ -119,7 +116,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
 
 
 def _of_fall(
-    fall: Fall, moved: xr.Dataset, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
+    fall: Fall, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
 ) -> list[Check]:
     """Evaluate all redundancies of one recording; lost rows, or an averaging controller, explain their effects."""
     gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
@@ -154,18 +151,16 @@ def _explained(
 ) -> list[Check]:
     """Explain the recordings together, or one by one where a mistake is of some of them alone."""
     everything = [check for found in of_falls for check in found]
-    wrong = [any(c.level for c in found) for found in of_falls]
-    named = {
-        c.name for f, w in zip(of_falls, wrong, strict=True) if w for c in f if c.level and np.isfinite(c.log_ratio)
-    }
-    others = [c for f, w in zip(of_falls, wrong, strict=True) if not w for c in f if c.name in named]
+    named = {c.name for c in everything if c.level and np.isfinite(c.log_ratio)}
+    others = [c for found in of_falls if not any(c.level for c in found) for c in found if c.name in named]
     is_of_some = bool(named and others) and all(abs(c.margin) < _FINE for c in others)
-    if causes and (is_of_some or not explain(everything, causes)):
-        everything = []
-        for found, record in zip(of_falls, records, strict=True):
-            name = record[0].name
-            alone = [_of_one(c, name, settings) for c in _causes(settings, {name: readings.get(name)}, [record])]
-            everything += with_causes(found, explain(found, alone))
+    if not causes or (explain(everything, causes) and not is_of_some):
+        return everything
+    everything = []
+    for found, record in zip(of_falls, records, strict=True):
+        name = record[0].name
+        alone = [_of_one(c, name, settings) for c in _causes(settings, {name: readings.get(name)}, [record])]
+        everything += with_causes(found, explain(found, alone))
     return everything
 
 
@@ -203,28 +198,25 @@ def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, flo
 def _causes(
     settings: BallDrop, readings: Mapping[str, xr.Dataset | None], records: Sequence[tuple[Fall, xr.Dataset]]
 ) -> Iterator[Cause]:
-    record, of_lengths = settings.calibration, {G: 1.0, HEIGHT: 1.0}
+    record, lasts, sphere = settings.calibration, fall_checks.DURATION, settings.sphere
+    of_lengths = partial(Cause, {G: 1.0, HEIGHT: 1.0})
+
+    def lengths(why: str) -> Callable[[float], str]:
+        return lambda k: f"lengths come out {too_large(k)}: {why}"
+
     file, first = next(((name, found) for name, found in readings.items() if found is not None), ("", None))
     if first is not None:
-        yield judgements.wrong_interval(
-            {G: -2.0, fall_checks.DURATION: 1.0}, file, first, settings.keyence.cycle is not None
+        yield judgements.wrong_interval({G: -2.0, lasts: 1.0}, file, first, settings.keyence.cycle is not None)
+        line, usual = line_of(str(first.attrs.get("header", "")), "unit", "単位"), SLIPS["length"] + SLIPS["gain"]
+        say = lengths(
+            f"the unit, the decimal point or the display factor of {file} is not what it says"
+            f"{f' (line {line})' * bool(line)}"
         )
-        unit_line = line_of(str(first.attrs.get("header", "")), "unit", "単位")
-        of_unit = f"the unit, the decimal point or the display factor of {file} is not what it says"
-        of_unit += f" (line {unit_line})" if unit_line else ""
-        yield Cause(
-            of_lengths,
-            lambda k: f"lengths come out {too_large(k)}: {of_unit}",
-            SLIPS["length"] + SLIPS["gain"],
-            only_usual=True,
-            file=file,
-            line=unit_line,
-        )
+        yield of_lengths(say, usual, only_usual=True, file=file, line=line)
     if records:
         fall, moved = records[0]
         angle = float(moved["inclination"])
         cosine = cos(angle) * float(fall.values("fall_acceleration")) / settings.model.gravity.value
-        of_scale = f"the scale of {record} or the gain of the sensor is not what it says"
 
         def inclined(k: float) -> str:
             right = degrees(acos(min(cos(angle) * k, 1.0)))
@@ -233,23 +225,15 @@ def _causes(
             return f"{text}; {right:.3g}° would be right{twice}"
 
         if _LEAST_COSINE < cosine < 1.01:
-            yield Cause(of_lengths, inclined, file=record, setting="values.inclination")
+            yield of_lengths(inclined, file=record, setting="values.inclination")
         else:
-            yield Cause(
-                of_lengths,
-                lambda k: f"lengths come out {too_large(k)}: {of_scale}",
-                file=record,
-                setting="values.scale",
-            )
+            say = lengths(f"the scale of {record} or the gain of the sensor is not what it says")
+            yield of_lengths(say, file=record, setting="values.scale")
     yield judgements.stated_wrongly({HEIGHT: -1.0}, "the drop height", settings.height, "height")
     # Hertz: t ~ m^0.4 R^-0.2 E^-0.4
-    sphere, lasts = settings.sphere, fall_checks.DURATION
-    for power, name, given, field, usual in (
-        (-0.4, "the moving mass", sphere.mass, "mass", "mass"),
-        (0.2, "the radius", sphere.radius, "radius", "size"),
-    ):
-        typed = judgements.stated_wrongly({lasts: power}, name, given, f"sphere.{field}", usual)
-        yield replace(typed, only_usual=True)
+    mass = judgements.stated_wrongly({lasts: -0.4}, "the moving mass", sphere.mass, "sphere.mass", "mass")
+    radius = judgements.stated_wrongly({lasts: 0.2}, "the radius", sphere.radius, "sphere.radius", "size")
+    yield from (replace(typed, only_usual=True) for typed in (mass, radius))
 
     def of_material(k: float) -> str:
         text = f"the sphere's material is about {in_words(1 / k, 2)} times as stiff as stated, of another material then"

@@ -1,6 +1,7 @@
 """Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,10 +13,18 @@ from labpipe.variables import with_u
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import (
+    IMPACTS,
+    Row,
+    curve_table,
+    flights,
+    moved_by_scatter,
+    of_curve,
+    row,
+    with_its_u,
+)
+from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.drop_model import slopes_of
-from pipelines.experiments.shared.flights import flights, moved_by_scatter
-from pipelines.experiments.shared.plate_under_drop import floor_under
 
 RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
 SCALE = "scale of length (gain and inclination)"
@@ -118,22 +127,18 @@ def _without_shape(repeats: xr.Dataset, name: str) -> Floats:
 
 def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
     """Yield the rows of ``compare``: the curve, the free fall, and the results of each impact."""
-    n = int(repeats.sizes["repeat"])
-    relative = float(repeats.attrs["u_systematic_relative"])
-    mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    bias, u, curve = comparison["bias"], relative * mean_size, of_curve(comparison)
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, u_difference=u, **curve)
+    n, relative = int(repeats.sizes["repeat"]), float(repeats.attrs["u_systematic_relative"])
+    bias = (comparison["bias"], relative * float(np.abs(repeats["displacement_mean"]).mean()))
+    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, **of_curve(comparison))
     if "fall_acceleration" in repeats:
         seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
-        yield row(
-            "acceleration of the free fall",
-            "m/s2",
-            n,
-            slopes={SCALE: float(seen)},
-            measured=(seen, u),
-            model=(gravity.value, gravity.u),
-            difference=(float(seen) - gravity.value, np.hypot(u, gravity.u)),
-        )
+        gap, title = float(seen) - gravity.value, "acceleration of the free fall"
+        pairs: dict[str, Any] = {
+            "measured": (seen, u),
+            "model": gravity[:2],
+            "difference": (gap, np.hypot(u, gravity.u)),
+        }
+        yield row(title, "m/s2", n, slopes={SCALE: float(seen)}, **pairs)
     yield from _of_impacts(comparison, repeats, model)
 
 
@@ -142,15 +147,12 @@ def _of_impacts(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset) 
     numbers = range(min(IMPACTS, comparison.sizes["impact"]))
     shown = [(f"{RESTITUTION}{i + 1}", "restitution", "restitution", i) for i in numbers]
     shown += [(f"{DURATION}{i + 1}", "contact_duration", "contact_duration", i) for i in numbers]
-    if numbers:
-        shown.append(("speed of the first impact", "incoming_speed", "impact_speed", 0))
-        shown.append(("penetration of the first impact", "penetration", "penetration", 0))
+    shown += [("speed of the first impact", "incoming_speed", "impact_speed", i) for i in numbers[:1]]
+    shown += [("penetration of the first impact", "penetration", "penetration", i) for i in numbers[:1]]
     for title, ours, theirs, i in shown:
         unit = str(repeats.variables[ours].attrs["units"])
-        (measured, u_measured), (expected, u_expected) = (
-            (float(result.variables[name].values[i]), float(result.variables[f"u_{name}"].values[i]))
-            for result, name in ((repeats, ours), (model, theirs))
-        )
+        measured, u_measured = map(float, with_its_u(repeats, ours, i))
+        expected, u_expected = map(float, with_its_u(model, theirs, i))
         u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[i])
         if np.isfinite(seen):
             expected, u_apart = seen, float(_without_shape(repeats, ours)[i])

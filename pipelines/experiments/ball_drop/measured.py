@@ -19,8 +19,8 @@ from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import laser_readings
+from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.drop_model import padded
-from pipelines.experiments.shared.plate_under_drop import floor_under
 
 NOISE = "noise"
 """Begins the names of common unknowns that are an impact's own and fall with the number of repeats."""
@@ -56,14 +56,10 @@ def bounces(displacement: xr.Dataset, plate: xr.Dataset | None = None, *, settin
 
 def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
     """Differentiate, with knots free to break where contacts begin and end."""
-    chosen = settings.analysis
-    options: dict[str, Any] = {"method": chosen.velocity}
-    if chosen.window is not None:
-        interval = float(np.median(np.diff(displacement["time"])))
-        options["window"] = max(1, round(chosen.window.value / interval))
+    del settings
     release = float(bounces["release_time"])
     releases = [release] if np.isfinite(release) else []
-    found = signals.velocity(displacement, events=bounces, releases=releases, **options)
+    found = signals.velocity(displacement, events=bounces, releases=releases)
     return found.reset_coords("u_velocity").assign_attrs(found.attrs)
 
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -17,7 +18,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.counter_body import described_flat, flat_rows
-from pipelines.experiments.shared.linear_range import linear_range_rows
+from pipelines.experiments.shared.drop_model import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _RIGID_FLOOR = (
@@ -38,26 +39,20 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
 
     Without model or comparison the measurement alone is drawn.
     """
-    views, is_repeated = impact_views(repeats), repeats.sizes["repeat"] > 1
-
-    def chart(
-        title: str, label: str, drawn: Sequence[Series | Band], caption: str = "", height: int = 220
-    ) -> LineChart:
-        curves = tuple(drawn)
-        return LineChart(title, _LABEL, label, curves, group="drop", views=views, height_px=height, caption=caption)
-
+    is_repeated = repeats.sizes["repeat"] > 1
+    chart = partial(LineChart, x_label=_LABEL, group="drop", views=impact_views(repeats), height_px=220)
     position, speed = _measured("displacement", repeats, _MM), _measured("velocity", repeats, 1.0)
-    texts = []
-    if is_repeated:
-        texts.append("Mean of the repeats with the band of ± 2 standard deviations.")
-        texts.append("Point at the chart to show each repeat.")
+    texts = [
+        "Mean of the repeats with the band of ± 2 standard deviations; point at the chart to show each."
+    ] * is_repeated
     since = np.zeros(0) if model is None else model["time"].values - float(model["impact_time"][0])
     if model is not None:
         position += pages.model_curves(since * _MS, model["displacement"] * _MM, model["u_displacement"] * _MM)
         speed.append(Series("model", since * _MS, model["velocity"].values, role="model"))
         if followed := int(np.isfinite(model["u_impact_time"]).sum()):
             texts.append(f"The model's band is the effect of its inputs' uncertainties, until impact {followed}.")
-    charts = [chart("Displacement", "height over first contact / mm", position, " ".join(texts))]
+    label = "height over first contact / mm"
+    charts = [chart("Displacement", y_label=label, series=tuple(position), caption=" ".join(texts))]
     if model is not None and comparison is not None:
         time = comparison["time"].values
         known = 2 * np.interp(time, since, model["u_displacement"].values) * _UM
@@ -70,15 +65,15 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
             "An impact that is early or late in the model shows as a spike, as both curves are steep there; the table "
             "of bounces gives the difference in time."
         )
-        charts.append(chart("Measured minus model", "difference / µm", drawn, caption, 220))
-    charts.append(chart("Velocity", "velocity / (m/s), upwards", speed))
+        charts.append(chart("Measured minus model", y_label="difference / µm", series=tuple(drawn), caption=caption))
+    charts.append(chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed)))
     if model is not None:
         for title, label, name, factor in (
             ("Contact force (model)", "force / N", "force", 1.0),
             ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
         ):
             curve = Series("model", since * _MS, model[name].values * factor, role="model")
-            charts.append(chart(title, label, [curve], height=220))
+            charts.append(chart(title, y_label=label, series=(curve,)))
     return Section("Motion", tuple(charts))
 
 
@@ -219,12 +214,10 @@ def _methods(
     if moved := pages.present(displacement):
         shown = pages.told(moved[0], "inclination")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
-    method = "a quintic smoothing spline with the noise level estimated from the record"
-    if settings.analysis.velocity != "spline":
-        method = "central differences and a moving average"
     text += (
-        f"Velocity was obtained by {method}; contacts were located by fitting ballistic arcs and a contact pulse to "
-        "each impact, and the recordings were aligned at first contact. "
+        "Velocity was obtained by a quintic smoothing spline with the noise level estimated from the record; contacts "
+        "were located by fitting ballistic arcs and a contact pulse to each impact, and the recordings were aligned at "
+        "first contact. "
     )
     if model is not None:
         text += (

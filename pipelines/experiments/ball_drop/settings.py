@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
-from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Time
+from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length
 from pipelines.experiments.shared.settings import (
     DropModel,
     Flat,
@@ -20,17 +20,13 @@ from pipelines.experiments.shared.settings import (
 
 
 class Analysis(Table, frozen=True, kw_only=True):
-    """How displacement becomes velocity and bounces.
+    """How displacement becomes bounces.
 
-    ``velocity`` is the smoothing spline, or the central differences and moving average of the
-    thesis, ``window`` long. ``inclination_from_height`` fits the sensor's inclination from the
-    known drop height; the calibration record is then only compared. ``contact`` is the prior knowledge
-    of the contact's pulse when an impact is fitted: "polymer" for spheres that return more than
-    half of their speed, "any" for a wider prior and wider intervals.
+    ``inclination_from_height`` fits the sensor's inclination from the known drop height; the calibration record is
+    then only compared. ``contact`` is the prior knowledge of the contact's pulse when an impact is fitted: "polymer"
+    for spheres that return more than half of their speed, "any" for a wider prior and wider intervals.
     """
 
-    velocity: Literal["spline", "thesis"] = "spline"
-    window: Annotated[Time, POSITIVE] | None = None
     inclination_from_height: bool = False
     contact: Literal["polymer", "any"] = "polymer"
 

@@ -33,11 +33,9 @@ _CLOCK = 1e-4
 _LIKE_MODEL = (1.6, 0.1)
 """Factor by which a contact radius may miss the model (a ~ E^-0.2: ten times in the modulus), and
 the relative uncertainty of that."""
-_LOSSES = 0.03
-"""Relative difference of two following restitutions, of speed and of the ringing plate."""
-_LOSSES_KNOWN = 1.03, 0.012
-"""Where a model shows how restitution changes with speed: factor by which the first flight may miss what follows, and
-its relative uncertainty, of a plate that swings and of another grade."""
+_LOSSES, _LOSSES_KNOWN = (1.1, 0.03), (1.03, 0.012)
+"""Factor by which the first flight may miss that of the second one's restitution, and its relative uncertainty: by
+speed and a ringing plate, and where a model shows how restitution changes with speed."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
 _SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a gamma in the grey levels)"
@@ -83,10 +81,10 @@ TITLES = {
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
-    radius, impacts = given.get("radius"), given.get("impacts")
+    radius, impacts, sphere = given.get("radius"), given.get("impacts"), settings.sphere
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
-    checks.append(fall_checks.body_stated(settings.sphere.radius.value, settings.sphere.mass.value))
+    checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
         checks += _of_frames(radius, impacts, whole, settings)
@@ -108,7 +106,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
-        measured_by=judgements.measured_by(settings.sphere),
+        measured_by=judgements.measured_by(sphere),
         alternatives=partial(of_drop, given=given, settings=settings),
     )
 
@@ -154,19 +152,18 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
         return not_made(name, "the wavelength of monochromatic light")
     frames = "1 frame" if edges == 1 else f"{edges} frames"
     message = f"{settings.film}: {frames} measured by the edge of the spot, {fringes} by fringes"
-    level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
-    if edges <= fringes:
-        cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
-    else:
-        cause = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        bright = exposed(radius, settings.film)
-        cause = bright.cause if bright.level else cause
+    level: Level | None = "note" if edges else None
+    cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
+    if edges > fringes:
+        other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
+        level, cause = "doubtful", exposed(radius, settings.film).cause or other
     return stated(name, message, level, cause=cause, file=settings.film)
 
 
-def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
+def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, is_law: bool = True) -> Check:
     """Hold a ratio against one within a factor, so that causes follow from it."""
-    found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
+    most = log(allowed)
+    found = bounded(name, message, log(ratio), u, at_least=-most, at_most=most, is_law=is_law, file=file)
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
 
@@ -221,13 +218,13 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         return not_made(FLIGHT, "three impacts")
     seen = [_seen_lasting(radius, impacts, i) for i in range(2)]
     touches = np.array([shortest for shortest, _ in seen])
-    alike, allowed, rough = 1.0, 1.1, _LOSSES
+    alike, (allowed, rough) = 1.0, _LOSSES
     if model is not None and model.sizes["impact"] > 2:
         # the contact of a wrong mass lasts otherwise than the frames show
         touches = np.clip(model["contact_duration"].values[:2], touches, [longest for _, longest in seen])
         # how restitution changes with speed hardly depends on what it is, nor on the material's grade
         bounced = model["restitution"].values
-        alike, allowed, rough = float(bounced[0] / bounced[1]), *_LOSSES_KNOWN
+        alike, (allowed, rough) = float(bounced[0] / bounced[1]), _LOSSES_KNOWN
     first, second = (float(lasts) for lasts in np.diff(peak[:3]) - touches)
     if min(first, second) <= 0.0:
         return not_made(FLIGHT, "flights that last longer than contacts")
@@ -238,10 +235,9 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         f"for e = {e:.3f} by the second flight"
     )
     shown = 0.5 * settings.height.u / settings.height.value
-    found = _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film)
-    loose = _like(FLIGHT, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
     # a model's change of restitution makes nothing impossible: the material may be another
-    return replace(found, level=loose.level or "doubtful") if found.level else loose
+    is_law = (allowed, rough) == _LOSSES
+    return _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film, is_law)
 
 
 def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:
@@ -261,8 +257,7 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
         return not_made(DURATION, "a frame before and one after the first contact")
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
     if shortest > 0.0:  # bounds far apart, with undecided frames between them, are a bound of the logarithm
-        seen = sqrt(shortest * longest)
-        own = seen * log(longest / shortest) / sqrt(24.0)
+        seen, own = sqrt(shortest * longest), sqrt(shortest * longest / 24.0) * log(longest / shortest)
     a, u_a = (float(impacts[name][0]) for name in ("peak_radius", "u_peak_radius"))
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
     height, body = settings.height, settings.sphere.radius

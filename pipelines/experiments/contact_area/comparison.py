@@ -7,6 +7,7 @@ from math import sqrt
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
@@ -25,7 +26,6 @@ FRAMES = "radius in all frames alike"
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
 _MOST_LONGER = 0.3  # by which a contact may last longer than in the model and still have its form
-_STEPS = 8  # of Gauss and Newton, from the model's own size and time
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
@@ -75,69 +75,54 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     """
     del settings
     count = min(impacts.sizes["impact"], model.sizes["impact"])
-    time, a = radius["time"].values, radius["radius"].values
+    time, a, random, shared = (radius[name].values for name in ("time", "radius", "u_radius", "radius_systematic"))
     seen = radius["in_contact"].values.astype(bool) & np.isfinite(a)
-    random, shared = radius["u_radius"].values, radius["radius_systematic"].values
-    points: list[Floats] = []
-    table: dict[str, list[float]] = {name: [] for name in ("peak", "size", "u_size", "shift", "u_shift", "nrmse")}
-    agreed: list[Agreement | None] = []
+    points, of_impact, agreed = [np.empty((5, 0))], np.empty((count, 6)), list[Agreement | None]()
     for i in range(count):
-        form = Form.of(model, i)
-        peak = form.peak
-        since = time - float(impacts["peak_time"][i])
+        form, since = Form.of(model, i), time - float(impacts["peak_time"][i])
         begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
         inside = seen & (np.abs(since) < WINDOW) & (time >= begin) & (time <= end)
-        ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + peak
-        relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
+        ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + form.peak
         fit = _fit(moments, ours, own, common, form)
-        moments = moments + (fit[2] if np.isfinite(fit[2]) else 0.0)
+        moments = moments + np.nan_to_num(fit[2])
         theirs = form(moments)
+        relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
         points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
         agreed.append(_along(moments, ours - theirs, own, common, form, relative))
         nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
-        for name, value in zip(table, (peak, *fit, nrmse), strict=True):
-            table[name].append(value)
-    number, since, film, u_film, expected = np.concatenate([np.empty((5, 0)), *points], axis=1)
-    known = {name: np.array(values, dtype=float) for name, values in table.items()}
+        of_impact[i] = form.peak, *fit, nrmse
+    peak, size, u_size, shift, u_shift, nrmse = of_impact.T
     theirs = model["peak_contact_radius"].values[:count]
     # where the frames of a whole contact are too few, its largest radius alone
     ours, u_ours = (
-        np.where(np.isfinite(known[of]), theirs * known[of], impacts[name].values[:count])
-        for of, name in (("size", "peak_radius"), ("u_size", "u_peak_radius"))
+        np.where(np.isfinite(fitted), theirs * fitted, impacts[name].values[:count])
+        for fitted, name in ((size, "peak_radius"), (u_size, "u_peak_radius"))
     )
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
+    of_frames = (
+        ("impact_number", "1", "impact of a compared frame"),
+        ("since_peak", "s", "time since the largest radius"),
+        ("film", "m", "contact radius, film"),
+        ("u_film", "m", "standard uncertainty: contact radius, film"),
+        ("model", "m", "contact radius, model"),
+    )
+    of_impacts = (
+        ("nrmse", nrmse, "1", "root-mean-square error over largest radius of the model"),
+        ("peak_radius_alike", beyond * ours, "m", f"part of its uncertainty that all impacts share: {FRAMES}"),
+        ("peak_radius_model", theirs, "m", "largest radius, model"),
+        ("model_peak_time", peak, "s", "time of the model's largest radius"),
+    )
+    columns = zip(of_frames, np.concatenate(points, axis=1), strict=True)
     apart = "largest radius, film minus model"
-    of_frames = {
-        "impact_number": (number, "1", "impact of a compared frame"),
-        "since_peak": (since, "s", "time since the largest radius"),
-        "film": (film, "m", "contact radius, film"),
-        "u_film": (u_film, "m", "standard uncertainty: contact radius, film"),
-        "model": (expected, "m", "contact radius, model"),
-    }
-    of_impacts = {
-        "nrmse": (known["nrmse"], "1", "root-mean-square error over largest radius of the model"),
-        "peak_radius_alike": (beyond * ours, "m", f"part of its uncertainty that all impacts share: {FRAMES}"),
-        "peak_radius_model": (theirs, "m", "largest radius, model"),
-        "model_peak_time": (known["peak"], "s", "time of the model's largest radius"),
-    }
     return xr.Dataset(
-        {
-            **{name: variable("sample", *each) for name, each in of_frames.items()},
-            **{name: variable("impact", *each) for name, each in of_impacts.items()},
-            **with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film"),
-            **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart),
-            **with_u(
-                "time_shift",
-                "impact",
-                np.nan_to_num(known["shift"]),
-                known["u_shift"],
-                "s",
-                "shift of the model to earlier times",
-            ),
-            **curve_table("impact", agreed),
-        },
+        {name: variable("sample", values, units, text) for (name, units, text), values in columns}
+        | {name: variable("impact", values, units, text) for name, values, units, text in of_impacts}
+        | with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film")
+        | with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart)
+        | with_u("time_shift", "impact", np.nan_to_num(shift), u_shift, "s", "shift of the model to earlier times")
+        | curve_table("impact", agreed),
         coords={"impact": np.arange(1, count + 1)},
     )
 
@@ -165,23 +150,26 @@ def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: For
     """
     if time.size < _FEWEST:
         return (np.nan,) * 4
-    since = time - float(np.mean(time))
-    size, shift, longer = 1.0, 0.0, 0.0
-    for _ in range(_STEPS):
-        at = time + shift - longer * since
-        theirs, rate = form(at), size * form.rate(at)
-        rows = np.column_stack([theirs, rate, -rate * since]) / random[:, None]
-        if not np.isfinite(rows).all():  # a size that runs away
-            return (np.nan,) * 4
-        rest = (radius - size * theirs) / random
-        normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
-        size, shift, longer = np.array([size, shift, longer]) + normal @ rows.T @ rest
-    if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))) or abs(longer) > _MOST_LONGER:
+    step, since = float(np.median(np.diff(time))), time - float(np.mean(time))
+
+    def rest(values: Floats) -> Floats:
+        size, shift, longer = values
+        return np.asarray((radius - size * form(time + shift * step - longer * since)) / random)
+
+    def slopes(values: Floats) -> Floats:
+        size, shift, longer = values
+        at = time + shift * step - longer * since
+        return np.column_stack([-form(at), *(-size * form.rate(at) * by for by in (step, -since))]) / random[:, None]
+
+    found = least_squares(rest, [1.0, 0.0, 0.0], slopes, method="lm")
+    size, shift, longer = found.x
+    if abs(shift) > _MOST_SHIFT or abs(longer) > _MOST_LONGER:
         return (np.nan,) * 4
-    scatter = max(float(rest @ rest) / (time.size - rows.shape[1]), 1.0)
+    scatter = max(2.0 * float(found.cost) / (time.size - found.x.size), 1.0)
+    normal = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True)
     common = float(np.mean(shared / np.maximum(radius, 1e-12)))
     u_size, u_shift = np.sqrt(scatter * np.diagonal(normal)[:2])
-    return float(size), float(np.hypot(u_size, size * common)), float(shift), float(u_shift)
+    return float(size), float(np.hypot(u_size, size * common)), float(shift * step), float(u_shift * step)
 
 
 def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:

@@ -29,12 +29,8 @@ def evidence(
     if not count:
         return "no impact was seen in the film"
     relative = float(film.attrs["u_systematic_relative"])
-    radius = made["peak_radius"].values[:count]
-    u = np.sqrt(
-        np.maximum(
-            made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2, (_LEAST_RELATIVE * radius) ** 2
-        )
-    )
+    radius, whole = (made[of].values[:count] for of in ("peak_radius", "u_peak_radius"))
+    u = np.sqrt(np.maximum(whole**2 - (relative * radius) ** 2, (_LEAST_RELATIVE * radius) ** 2))
     unknowns = body(settings.sphere) | {
         "height": mean_height(name, settings.height, np.empty(0)),
         "pixel": nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film"),

@@ -6,7 +6,7 @@ Each impact is counted from its largest radius (t_p = 0), as in the thesis.
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -100,8 +100,7 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
 
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Find the first three impacts with their largest radius, and the radius at rest."""
-    time, a = radius["time"].values, radius["radius"].values
-    u = radius["u_radius"].values
+    time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
     unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros(len(time), bool)
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
@@ -109,22 +108,26 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
-    peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
-    largest, when, own, sampling = (
-        np.array([getattr(peak, name) for peak in peaks]) for name in ("radius", "time", "u", "sampling")
-    )
+    peaks = [(*peak_of(time[run], a[run], u[run]), time[run[0]], time[run[-1]]) for run in brief]
+    when, largest, own, sampling, first, last = np.array(peaks).reshape(-1, 6).T
     u_largest = np.hypot(np.hypot(own, sampling), relative * largest)
     table = with_u("peak_radius", "impact", largest, u_largest, "m", "largest contact radius, Hertz-equivalent")
     for name, values, units, text in (
         ("peak_time", when, "s", "time of the largest radius"),
         ("peak_sampling", sampling, "m", "part of that uncertainty from interpolation between the frames"),
-        ("first_seen", np.array([time[run[0]] for run in brief]), "s", "first frame with contact"),
-        ("last_seen", np.array([time[run[-1]] for run in brief]), "s", "last frame with contact"),
+        ("first_seen", first, "s", "first frame with contact"),
+        ("last_seen", last, "s", "last frame with contact"),
     ):
         table[name] = variable("impact", values, units, text)
-    table |= _at_rest(time, a, u, runs, relative)
+    # the radius in the last half of the last contact, when that is rest
+    rest, value, u_value = runs[-1], np.nan, np.nan
+    if time[rest[-1]] - time[rest[0]] >= STILL:
+        half = rest[time[rest] >= 0.5 * (time[rest[0]] + time[rest[-1]])]
+        value = float(np.median(a[half]))
+        u_value = float(np.hypot(max(np.std(a[half]), np.median(u[half])), relative * value))
+    table |= with_u("static_radius", (), value, u_value, "m", "contact radius at rest")
     return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
 
 
@@ -192,22 +195,12 @@ def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> l
     return [run for run in brief if is_impact(run)]
 
 
-def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], relative: float) -> dict[str, Any]:
-    """Radius in the last half of the last contact when that is rest; NaN otherwise."""
-    last, value, own = runs[-1], np.nan, np.nan
-    if time[last[-1]] - time[last[0]] >= STILL:
-        half = last[time[last] >= 0.5 * (time[last[0]] + time[last[-1]])]
-        value = float(np.median(a[half]))
-        own = float(np.hypot(max(np.std(a[half]), np.median(u[half])), relative * value))
-    return with_u("static_radius", (), value, own, "m", "contact radius at rest")
-
-
 # Frames on either side of the largest and degree of the polynomial through them, the best first. In
 # simulated impacts of four polymers at 10,000 frames a second five frames and degree 2, 3 lie 0.06,
 # 0.03 % low (worst 0.16, 0.10), seven and degree 4 0.01 % high (worst 0.09); noise of 1 µm scatters
 # all of them by 0.07 to 0.08 %.
 _FITS = ((3, 4), (2, 3), (1, 2))
-_PARABOLA = 0.1  # of the steps between three frames beside a missing one, what their parabola leaves open
+_CHANCE = 0.1  # of the steps between the frames at the largest, what a single fit leaves open
 _REAL = 1e-9  # imaginary part of a root that is real
 
 
@@ -231,31 +224,21 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
     """
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
-    top = int(np.argmax(a))
-    windows = [(top - beside, top + beside + 1, degree) for beside, degree in _FITS]
+    top, n = int(np.argmax(a)), len(a)
+    # where frames beside the largest are missing, the nearest, wherever they are
+    windows = [(max(0, min(top - by, n - 2 * by - 1)), 2 * by + 1, degree) for by, degree in _FITS if n > 2 * by]
     found = [p for window in windows if (p := _fitted(time, a, u, top, *window))]
-    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
-    if found:
-        best, lower, *_ = *found, alone
-        return best._replace(sampling=abs(best.radius - lower.radius) / np.sqrt(3.0))
-    # a frame beside the largest could not be read: the three nearest, wherever they are
-    steps = float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
-    first = max(0, min(top - 1, len(a) - 3))
-    three = _fitted(time, a, u, top, first, first + 3, 2)
-    if three is None:
-        return alone._replace(sampling=steps)
-    # the parabola may cross the largest frame by chance
-    sampling = max(abs(three.radius - alone.radius) / np.sqrt(3.0), _PARABOLA * steps)
-    return three._replace(sampling=sampling)
+    best, lower, *_ = *found, *[Peak(float(time[top]), float(a[top]), float(u[top]))] * 2
+    # of a single frame the steps to its neighbours; a fit may cross the next one by chance
+    least = (1.0, _CHANCE, 0.0)[min(len(found), 2)] * float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
+    return best._replace(sampling=max(abs(best.radius - lower.radius) / np.sqrt(3.0), least))
 
 
-def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, high: int, degree: int) -> Peak | None:
-    """Fit the frames from low to before high; nothing where they are too few or have no maximum."""
-    if low < 0 or high > len(a):
-        return None
-    x, near = time[low:high] - time[top], a[low:high]
+def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, count: int, degree: int) -> Peak | None:
+    """Fit so many frames from low on; nothing where they have no maximum."""
+    x, near, own = (values[low : low + count] for values in (time - time[top], a, u))
     scale = float(np.max(np.abs(x)))
-    weights = 1 / np.maximum(2 * near * u[low:high], 1e-18)
+    weights = 1 / np.maximum(2 * near * own, 1e-18)
     fit = np.polyfit(x / scale, near**2, degree, w=weights)
     slope = np.polyder(fit)
     roots = [float(root.real) for root in np.roots(slope) if abs(root.imag) < _REAL and abs(root.real) <= 1.0]
@@ -264,7 +247,7 @@ def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, high: int, d
         return None
     place = min(tops, key=abs)
     rest = near - np.sqrt(np.maximum(np.polyval(fit, x / scale), 0))
-    scatter = float(np.sqrt(np.sum(rest**2) / max(high - low - degree - 1, 1)))
+    scatter = float(np.sqrt(np.sum(rest**2) / max(count - degree - 1, 1)))
     value = float(np.sqrt(np.polyval(fit, place)))
     return Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter))
 

@@ -82,11 +82,9 @@ def _at_rest(settings: ContactArea, found: Mapping[str, Variation], solid: Prony
     whole = factor * float(solid.creep(time)) + flat
     at_rest = hertz.static_load(mass.value * settings.model.gravity.value, radius.value, 1.0 / whole).contact_radius
     sources = [Source.of(name, q, 1.0 / (3.0 * q.value)) for name, q in (("radius", radius), ("mass", mass))]
-    sources += [
-        Source.of(name, q, float(np.log((factor * float(other.creep(time)) + flat) / whole)) / (3.0 * step))
-        for name, (q, step, other) in found.items()
-    ]
-    sources += [
-        Source.of(name, E, -flat / (3.0 * whole * E.value)) for name, E in modulus_of(settings.counter_body).items()
-    ]
+    for name, (q, step, other) in found.items():
+        changed = (factor * float(other.creep(time)) + flat) / whole
+        sources.append(Source.of(name, q, float(np.log(changed)) / (3.0 * step)))
+    for name, E in modulus_of(settings.counter_body).items():
+        sources.append(Source.of(name, E, -flat / (3.0 * whole * E.value)))
     return float(at_rest), combined_uncertainty(sources) * float(at_rest)

@@ -1,6 +1,7 @@
 """The report of a contact area."""
 
 import math
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,8 +16,8 @@ from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
+from pipelines.experiments.shared.drop_model import linear_range_rows
 from pipelines.experiments.shared.film_frames import drawing_of, strip
-from pipelines.experiments.shared.linear_range import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
@@ -154,32 +155,28 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     residuals: list[Series | Band] = []
     for i in range(comparison.sizes["impact"]):
         mine, name = comparison["impact_number"].values == i + 1, f"impact {i + 1}"
-        since = comparison["since_peak"].values[mine] * 1e3
-        film, model, u = (comparison[of].values[mine] for of in ("film", "model", "u_film"))
+        since, film, model, u = (1e3 * comparison[of].values[mine] for of in ("since_peak", "film", "model", "u_film"))
         # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
         relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
         slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
-        wide = 2e6 * relative * np.abs(model - 2.0 * since * slope)
-        curves.append(Series(f"{name}, film", since, film * 1e3, role="measured", style="points", u=u * 1e3))
-        curves.append(Series(f"{name}, model", since, model * 1e3, role="model"))
+        wide, gap, u_gap = 2e3 * relative * np.abs(model - 2.0 * since * slope), 1e3 * (film - model), 1e3 * u
+        curves.append(Series(f"{name}, film", since, film, role="measured", style="points", u=u))
+        curves.append(Series(f"{name}, model", since, model, role="model"))
         residuals.append(Band(f"{name}, model ± 2 u", since, -wide, wide, role="model"))
-        gap = (film - model) * 1e6
-        residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u * 1e6))
-    label, group = "time since the largest radius / ms", "impacts"
-    titles = ("Contact radius around its largest value", label, "contact radius / mm")
-    drawn = LineChart(*titles, tuple(curves), group=group, height_px=260)
-    titles = ("Film minus model", label, "difference / µm")
-    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220)]
+        residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u_gap))
+    chart = partial(LineChart, x_label="time since the largest radius / ms", group="impacts")
+    drawn = chart(
+        "Contact radius around its largest value", y_label="contact radius / mm", series=tuple(curves), height_px=260
+    )
+    left = chart("Film minus model", y_label="difference / µm", series=tuple(residuals), height_px=220)
+    return [Paragraph(_AROUND), drawn, left]
 
 
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
-    parts = [
-        f"in {pages.counted(counts[code], 'frame')} {text}"
-        for code, (_, text) in _METHODS.items()
-        if counts[code] and text
-    ]
+    methods = ((counts[code], text) for code, (_, text) in _METHODS.items())
+    parts = [f"in {pages.counted(count, 'frame')} {text}" for count, text in methods if count and text]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
     text += ". "

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.judging import Cause, Check, Level, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
@@ -92,8 +92,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
             changes: dict[str, Any] = {"log_ratio": nan, "file": settings.film, "setting": ""}
             checks = judgements.because(checks, check.cause, *_EXPLAINED[check.name], **changes)
     checks = fall_checks.backwards(checks)
-    another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
-    return Scene(checks, list(_causes(track, settings)), given.each([rows]), basis=basis, unstated=another)
+    laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
+    another = f"the film may show another drop than {laser}: another sphere, height or day"
+    return Scene(checks, list(_causes(track, settings, laser)), given.each([rows]), basis=basis, unstated=another)
 
 
 def _fall(
@@ -115,19 +116,15 @@ def _fall(
 def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iterator[Check]:
     """Evaluate the frames of the film, their light and order."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
-    is_sound, status = (
-        np.ones(int(frame[-1]) + 1, bool),
-        np.empty(0, str),
-    )  # frames that were not read are assumed to be
-    if "status" in track:
-        status = statuses(track)
-        is_sound[frame] = status != "frame_damaged"
+    status = statuses(track) if "status" in track else np.full(frame.size, "ok")
+    is_sound = np.ones(int(frame[-1]) + 1, bool)  # frames that were not read are assumed to be
+    is_sound[frame] = status != "frame_damaged"
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause, setting = f"damaged or missing frames, a film that is upside down, or {_NOT_ON_HOLDER}", "tracking.body"
     if whole.level:
         cause, setting = whole.cause, ""
-    elif status.size and np.mean(status == "saturated") > _MOSTLY:
+    elif np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield stated(FOUND, message, level, cause=cause, setting=setting)
@@ -144,8 +141,7 @@ def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | No
     time = motion["time"].values
     begin, end = time[:-1], time[1:]
     if bounces is None:  # after rest only every eighth frame is read
-        usual = np.abs(end - begin - np.median(end - begin)) < _STEP * np.median(end - begin)
-        moves = np.arange(begin.size) < np.flatnonzero(usual).max(initial=0)
+        moves = np.arange(begin.size) < np.flatnonzero(_even(np.diff(time))).max(initial=0)
     else:
         moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
     return frame_times(settings.film, np.arange(time.size), time, moves)
@@ -185,10 +181,8 @@ def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
     ``y`` (frame,) jumps by ``least`` or more of its unit. Returns the last frame before the jump, and its size, or
     None.
     """
-    steps = np.diff(time)
-    bend = np.diff(y, 2)
-    even = np.abs(steps - np.median(steps)) < _STEP * np.median(steps)
-    bend = np.where(even[1:] & even[:-1], bend, np.nan)
+    even = _even(np.diff(time))
+    bend = np.where(even[1:] & even[:-1], np.diff(y, 2), np.nan)
     known = bend[np.isfinite(bend)]
     if known.size < _FEWEST_BENDS:
         return None
@@ -204,6 +198,10 @@ def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
     return at, float(y[at + 1] - y[at])
 
 
+def _even(steps: Floats) -> Flags:
+    return np.asarray(np.abs(steps - np.median(steps)) < _STEP * np.median(steps))
+
+
 def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
     if laser is None or not laser.sizes.get("impact"):
         return not_made(HEIGHT, "a laser experiment")
@@ -215,16 +213,12 @@ def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
     return compared(HEIGHT, message, seen, u, expected, other, allowance=3 * other, file=fall.name)
 
 
-def _laser(settings: DicValidation) -> str:
-    return (settings.laser_experiment or "").removeprefix(REFERENCE)
-
-
-def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause]:
+def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:
     yield judgements.wrong_scale({G: 1.0, HEIGHT: 1.0}, settings.camera)
     yield wrong_rate({G: 2.0}, settings.frame_rate, track, settings.film)
 
     def of_height(factor: float) -> str:
-        text = f"the film is of a drop from a height {in_words(factor)} times that of {_laser(settings)}"
+        text = f"the film is of a drop from a height {in_words(factor)} times that of {laser}"
         return f"{text}: film or laser_experiment is another one"
 
     yield Cause({HEIGHT: 1.0}, of_height, setting="laser_experiment")

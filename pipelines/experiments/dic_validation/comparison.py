@@ -10,8 +10,16 @@ from labpipe import signals
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import described, variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
-from pipelines.experiments.shared.flights import flights, moved_by_scatter
+from pipelines.experiments.shared.comparison_rows import (
+    IMPACTS,
+    Row,
+    curve_table,
+    flights,
+    moved_by_scatter,
+    of_curve,
+    row,
+    with_its_u,
+)
 
 RATIO = "displacement_ratio"
 """Displacement of the film over that of the laser; its uncertainty is without that of the scales."""
@@ -26,28 +34,26 @@ def comparison(
         return xr.Dataset(attrs={"note": "no laser experiment is named"})
     film = motion["displacement"] - float(bounces["contact_level"])
     film = film.assign_coords(time=film["time"] - float(bounces["first_contact_time"]))
-    film = film.assign_attrs(motion["displacement"].attrs)
     film["time"].attrs = described("s", "time from the event")
+    film.attrs = motion["displacement"].attrs
     reference = laser["displacement_mean"].dropna("time")
     seen = film.copy(data=np.interp(film["time"], reference["time"], reference, left=np.nan, right=np.nan))
     both = np.isfinite(film.values) & np.isfinite(seen.values)
     film, seen = film[both], seen[both]
-    made = signals.compare(film, seen)
     agreed = signals.agreement(film.values, seen.values)
     expected = float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0)))
-    for name, value, u, text in (
-        ("bias", agreed.bias, agreed.u_bias, "mean of film minus laser"),
-        ("limit_low", agreed.low, agreed.u_limit, "lower 95 % limit of agreement"),
-        ("limit_high", agreed.high, agreed.u_limit, "upper 95 % limit of agreement"),
-    ):
-        made = made.assign(with_u(name, (), value, u, "m", text))
-    made["difference_sd"] = variable((), agreed.sd, "m", "standard deviation of film minus laser")
-    made["concordance"] = variable((), agreed.concordance, "1", "Lin's concordance coefficient")
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
-    made["scale_uncertainty"] = variable((), expected, "1", text)
-    made["film"] = film.drop_attrs().assign_attrs(units="m", long_name="film, over the height of first contact")
-    made["laser"] = seen.drop_attrs().assign_attrs(
-        units="m", long_name="mean of the laser's repeats, over the height of first contact"
+    level = "over the height of first contact"
+    made = signals.compare(film, seen).assign(
+        {
+            "concordance": variable((), agreed.concordance, "1", "Lin's concordance coefficient"),
+            "scale_uncertainty": variable((), expected, "1", text),
+            "film": variable("time", film.values, "m", f"film, {level}"),
+            "laser": variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
+        }
+        | with_u("bias", (), agreed.bias, agreed.u_bias, "m", "mean of film minus laser")
+        | with_u("limit_low", (), agreed.low, agreed.u_limit, "m", "lower 95 % limit of agreement")
+        | with_u("limit_high", (), agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement")
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
     pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")

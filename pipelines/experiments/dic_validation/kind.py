@@ -7,52 +7,48 @@ from pipelines.experiments.shared.schemas import BOUNCES, VELOCITY
 _STAGES = (
     stage(
         "dic_validation.measured:track",
-        ("file:film",),
-        ("tracking", "frame_rate", "channel", "exclude"),
+        "file:film",
+        "tracking frame_rate channel exclude",
+        "track the holder through the film",
         shortcuts=True,
-        imports=("labpipe.imaging.dic._tracker", "labpipe.compilation"),
-        summary="track the holder through the film",
+        imports="labpipe.imaging.dic._tracker labpipe.compilation",
     ),
     stage(
         "dic_validation.measured:motion",
-        ("track", "file:camera"),
-        ("view", "measured_on", "camera_tilt"),
-        summary="pixels to metres, with uncertainty",
+        "track file:camera",
+        "view measured_on camera_tilt",
+        "pixels to metres, with uncertainty",
     ),
     stage(
-        "dic_validation.measured:bounces",
-        ("motion",),
-        schema="bounces",
-        summary="find release, contacts, bounces and rest",
+        "dic_validation.measured:bounces", "motion", "", "find release, contacts, bounces and rest", schema="bounces"
     ),
     stage(
         "dic_validation.measured:velocity",
-        ("motion", "bounces"),
+        "motion bounces",
+        "",
+        "differentiate, without smoothing the impacts",
         schema="velocity",
-        summary="differentiate, without smoothing the impacts",
     ),
     stage(
         "dic_validation.measured:keys",
-        ("file:film", "track", "bounces"),
-        ("frame_rate", "channel", "exclude"),
-        may_lack=("bounces",),
-        summary="select key frames for the page",
+        "file:film track bounces",
+        "frame_rate channel exclude",
+        "select key frames for the page",
+        may_lack="bounces",
     ),
     stage(
         "dic_validation.comparison:comparison",
-        ("motion", "bounces", "other:laser_experiment/repeats"),
-        summary="film against laser",
+        "motion bounces other:laser_experiment/repeats",
+        "",
+        "film against laser",
     ),
     judged(
         "dic_validation",
-        ("track", "motion", "bounces", "comparison", "other:laser_experiment/repeats"),
+        "track motion bounces comparison other:laser_experiment/repeats",
         "is it believable, does the laser agree?",
-        rests_on=("laser_experiment",),
+        rests_on="laser_experiment",
     ),
-    reported(
-        "dic_validation",
-        ("track", "motion", "bounces", "velocity", "keys", "comparison", "other:laser_experiment/repeats"),
-    ),
+    reported("dic_validation", "track motion bounces velocity keys comparison other:laser_experiment/repeats"),
 )
 
 KIND = Kind(
@@ -68,6 +64,6 @@ KIND = Kind(
     ),
     picture=Picture("motion", "time", "displacement"),
     rows=derived("dic_validation.comparison:rows", "comparison"),
-    budget=derived("dic_validation.budget:quantities", "motion", "comparison"),
+    budget=derived("dic_validation.budget:quantities", "motion comparison"),
     proposal=proposal("film", "dic_validation.proposal:proposed", "shared.record_templates:camera_records"),
 )

@@ -7,9 +7,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import quantity
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, Source
 from pipelines.experiments.dma.model import still_falls
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, model_quantity
 
 
 def quantities(sweeps: xr.Dataset, master_curve: xr.Dataset) -> Iterator[Quantity]:
@@ -35,17 +35,12 @@ def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
     number = int(np.argmin(np.abs(sweeps["temperature"].values - at)))
     count = max(int(np.isfinite(sweeps["storage"].values[number]).sum()), 1)
     u_level = float(sweeps["temperature_spread"][number]) / sqrt(12.0 * count)
-    return Quantity(
-        f"log10 a_T at {quantity(at, 'degC', 3)}",
-        "1",
-        lambda measured, noise, temperature: measured + noise + slope * (temperature - at),
-        {
-            MEASURED: Input(float(shifts[far]), 0.0),
-            "noise": Input(0.0, float(u[far])),
-            "temperature": Input(at, u_level, "degC"),
-        },
-        "log10 a_T, the largest",
-    )
+    rows = [
+        Source("noise", 0.0, float(u[far]), "1", 1.0)._asdict(),
+        Source("temperature", at, u_level, "degC", slope)._asdict(),
+    ]
+    name = f"log10 a_T at {quantity(at, 'degC', 3)}"
+    return model_quantity(name, float(shifts[far]), "1", rows, "log10 a_T, the largest")
 
 
 def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:

@@ -32,35 +32,24 @@ _MASTER_CURVE = Schema(
 _STAGES = (
     stage(
         "dma.measured:readings",
-        ("file:rheometer",),
-        ("export", "temperature", "temperatures", "exclude"),
+        "file:rheometer",
+        "export temperature temperatures exclude",
+        "read the rheometer export",
         per="recording",
         over="rheometer",
-        summary="read the rheometer export",
     ),
     stage(
         "dma.measured:gathered",
-        ("readings",),
-        ("mode", "nu", "scale", "specimen", "sweeps"),
+        "readings",
+        "mode nu scale specimen sweeps",
+        "collect isothermal sweeps, converted to tension",
         schema="sweeps",
         name="sweeps",
-        summary="collect isothermal sweeps, converted to tension",
     ),
-    stage(
-        "dma.model:master_curve",
-        ("sweeps",),
-        ("T_ref", "nu", "fit"),
-        schema="master_curve",
-        summary="fit all shifts and one spectrum",
-    ),
-    stage(
-        "dma.measured:temperature_sweep",
-        ("readings",),
-        ("mode", "nu", "scale", "specimen"),
-        summary="find the glass transition",
-    ),
-    judged("dma", ("readings", "sweeps", "master_curve"), "is it believable?"),
-    reported("dma", ("readings", "sweeps", "master_curve", "temperature_sweep")),
+    stage("dma.model:master_curve", "sweeps", "T_ref nu fit", "fit all shifts and one spectrum", schema="master_curve"),
+    stage("dma.measured:temperature_sweep", "readings", "mode nu scale specimen", "find the glass transition"),
+    judged("dma", "readings sweeps master_curve", "is it believable?"),
+    reported("dma", "readings sweeps master_curve temperature_sweep"),
 )
 
 KIND = Kind(
@@ -73,8 +62,8 @@ KIND = Kind(
     key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "relaxed_modulus"),),
     picture=Picture("master_curve", "reduced_frequency", "master_storage", "log"),
     rows=derived("dma.comparison:rows", "master_curve"),
-    budget=derived("dma.budget:quantities", "sweeps", "master_curve"),
-    prior=derived("dma.evidence:prior", "sweeps", "master_curve"),
+    budget=derived("dma.budget:quantities", "sweeps master_curve"),
+    prior=derived("dma.evidence:prior", "sweeps master_curve"),
     material=derived("dma.model:deck", "master_curve"),
     proposal=proposal("sweep", "dma.proposal:proposed", answers={"mode": MODES}),
 )

@@ -57,11 +57,8 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "notes": made.warnings,
         "no_transition": no_transition,
     }
-    kept = {
-        name: sweeps.attrs[name]
-        for name in ("u_modulus_factor", "modulus_factor", "u_scale", "strain")
-        if name in sweeps.attrs
-    }
+    names = sweeps.attrs.keys() & {"u_modulus_factor", "modulus_factor", "u_scale", "strain"}
+    kept = {name: sweeps.attrs[name] for name in sorted(names)}
     return result.assign_attrs({n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept)
 
 

@@ -22,9 +22,9 @@ from labpipe.report import (
     Role,
     Section,
     Series,
-    display_unit,
     listed,
     number,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -32,7 +32,7 @@ from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.model import deck
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.judgements import capitalised
+from pipelines.experiments.shared.judgements import capitalised, with_minus
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -66,19 +66,14 @@ def _summary(
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
-    if master_curve is not None:
-        curve, frequency = master_curve, master_curve["reduced_frequency"].values
+    if (curve := master_curve) is not None:
+        frequency, superposition = curve["reduced_frequency"].values, json.loads(curve.attrs["superposition"])
         verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
-        superposition = json.loads(curve.attrs["superposition"])
         remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
         rows += [
-            ("reference temperature", f"{float(curve['T_ref']):.1f} °C".replace("-", "\N{MINUS SIGN}"), ""),
-            (
-                "covered frequencies",
-                f"{number(float(frequency[0]), 2)} to {number(float(frequency[-1]), 2)} Hz",
-                decades,
-            ),
+            ("reference temperature", with_minus(f"{float(curve['T_ref']):.1f} °C"), ""),
+            ("covered frequencies", " to ".join(number(float(frequency[i]), 2) for i in (0, -1)) + " Hz", decades),
             _end(curve, "relaxed"),
             _end(curve, "unrelaxed"),
             (
@@ -110,19 +105,16 @@ def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str,
         origin = f"{when}; standard uncertainty from extrapolating the loss at the {end} end, from noise and scale"
         return f"{name} modulus", value_with_uncertainty(modulus, u, "Pa"), origin
     frequency = curve["reduced_frequency"].values
-    last = _modulus(float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))]))
+    last = quantity(
+        float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))]), "Pa", 4
+    )
     bound, may = (f"0 to {last}", "may still fall to zero") if is_slow else (f"{last} at least", "may still rise")
-    series = f"the series' {_modulus(float(curve[f'E_{name}']))} is extrapolated"
+    series = f"the series' {quantity(float(curve[f'E_{name}']), 'Pa', 4)} is extrapolated"
     return f"{name} modulus", bound, f"{when}; with this loss the storage modulus {may}: {series}"
 
 
 def _celsius(T: Floats) -> str:
-    return f"{T.min():.1f} to {T.max():.1f} °C".replace("-", "\N{MINUS SIGN}")
-
-
-def _modulus(value: float) -> str:
-    shown = display_unit([value], "Pa")
-    return f"{value / shown.factor:.4g} {shown.text}"
+    return with_minus(f"{T.min():.1f} to {T.max():.1f} °C")
 
 
 def _in_ramps(ramps: xr.Dataset) -> Iterator[tuple[str, str, str]]:
@@ -161,7 +153,7 @@ def _isotherms(table: xr.Dataset, name: str, x_name: str = "") -> list[Series]:
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
             level = (float(temperature[i]) - float(temperature.min())) / span if span else 0.5
-            title = f"{temperature[i]:.0f} °C".replace("-", "\N{MINUS SIGN}")
+            title = with_minus(f"{temperature[i]:.0f} °C")
             again = sum(one.name.split(",")[0] == title for one in series)
             title += f", sweep {again + 1}" if again else ""
             series.append(Series(title, x[good], y[good], style="points" if x_name else "line", level=level))
@@ -232,16 +224,17 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
     def shown(name: str, scale: float = 1.0) -> str:
         return value_with_uncertainty(law[name] / scale, (law[f"u_{name}"] or 0.0) / scale)
 
+    text = "WLF, a straight line over temperature"
     if law["name"] == "arrhenius":
         text = f"Arrhenius, activation energy {shown('activation_energy', 1e3)} kJ/mol"
-    elif law["C1"] is None or law["C2"] is None:
-        text = "WLF, a straight line over temperature"
-    else:
+    elif law["C1"] is not None and law["C2"] is not None:
         text = f"WLF, C₁ = {shown('C1')}, C₂ = {shown('C2')} K"
-    if law["chi_square"] is None or not law["freedom"]:
-        return text, ""
-    verdict = "" if ShiftLaw.of(law).holds else ": does not hold"
-    return text, f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}{verdict}"
+    fits = (
+        f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
+        if law["freedom"] and law["chi_square"]
+        else ""
+    )
+    return text, f"{fits}{': does not hold' * (bool(fits) and not ShiftLaw.of(law).holds)}"
 
 
 def _master(master_curve: xr.Dataset) -> Section:
@@ -279,8 +272,8 @@ def _readings(
     if master_curve is not None:
         kk = json.loads(master_curve.attrs["kramers_kronig"])
         said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
-        is_violated: dict[str, Literal["warning", "error"]] = {"warn": "warning", "fail": "error"}
-        blocks.append(Paragraph(said) if kk["verdict"] == "pass" else Notice(is_violated[kk["verdict"]], said))
+        level: Literal["error", "warning"] = "error" if kk["verdict"] == "fail" else "warning"
+        blocks.append(Paragraph(said) if kk["verdict"] == "pass" else Notice(level, said))
         missed = "The spectrum misses the storage modulus by {:.2g} %, the loss by {:.2g} % (rms)."
         blocks.append(Paragraph(missed.format(*_missed(master_curve))))
     if sweeps is not None:

@@ -15,45 +15,41 @@ _OSCILLATIONS = Schema(
 )
 
 _STAGES = (
-    stage("shared.mach1_readings:readings", ("file:mach1",), ("columns", "exclude"), summary="read the Mach-1 file"),
+    stage("shared.mach1_readings:readings", "file:mach1", "columns exclude", "read the Mach-1 file"),
     stage(
         "shared.mach1_readings:loads",
-        ("readings", "file:load_cell.record"),
-        ("load_cell.tare",),
-        summary="compression-positive force, tared, with uncertainty",
+        "readings file:load_cell.record",
+        "load_cell.tare",
+        "compression-positive force, tared, with uncertainty",
     ),
     stage(
         "harmonic.measured:oscillations",
-        ("loads",),
-        ("contact", "cycles"),
+        "loads",
+        "contact cycles",
+        "fit frequency, amplitude, phase; work and stiffness per cycle",
         schema="oscillations",
-        summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
     stage(
         "harmonic.measured:loops",
-        ("loads", "oscillations"),
-        ("cycles",),
-        summary="mean hysteresis loop per frequency; is contact lost?",
+        "loads oscillations",
+        "cycles",
+        "mean hysteresis loop per frequency; is contact lost?",
     ),
     stage(
         "harmonic.model:model",
-        ("loads", "oscillations", *solid_of("substrate")),
-        ("punch", "substrate", "contact", "model", "cycles"),
-        summary="simulate with the measured displacement",
+        f"loads oscillations {solid_of('substrate')}",
+        "punch substrate contact model cycles",
+        "simulate with the measured displacement",
     ),
     stage(
         "harmonic.theory:theory",
-        ("oscillations", "loops", "model", *solid_of("substrate")),
-        ("punch", "substrate", "characteristic_time"),
-        summary="work by eq. (2.31), tapping front, dimensionless numbers",
+        f"oscillations loops model {solid_of('substrate')}",
+        "punch substrate characteristic_time",
+        "work by eq. (2.31), tapping front, dimensionless numbers",
     ),
-    stage(
-        "harmonic.comparison:comparison", ("loads", "oscillations", "model"), (), summary="measurement against model"
-    ),
-    judged(
-        "harmonic", ("readings", "loads", "oscillations", "model", "comparison"), rests_on=("substrate.material_from",)
-    ),
-    reported("harmonic", ("readings", "loads", "oscillations", "loops", "model", "theory", "comparison")),
+    stage("harmonic.comparison:comparison", "loads oscillations model", "", "measurement against model"),
+    judged("harmonic", "readings loads oscillations model comparison", rests_on="substrate.material_from"),
+    reported("harmonic", "readings loads oscillations loops model theory comparison"),
 )
 
 KIND = Kind(
@@ -65,9 +61,9 @@ KIND = Kind(
     schemas=(_OSCILLATIONS,),
     key_numbers=(KeyNumber("storage stiffness", "N/m", "oscillations", "storage_stiffness"),),
     picture=Picture("loops", "position", "force"),
-    rows=derived("harmonic.comparison:rows", "comparison", "oscillations", "model"),
-    budget=derived("harmonic.budget:quantities", "oscillations", "loads"),
+    rows=derived("harmonic.comparison:rows", "comparison oscillations model"),
+    budget=derived("harmonic.budget:quantities", "oscillations loads"),
     body="substrate",
-    evidence=derived("harmonic.evidence:evidence", "loads", "oscillations", *solid_of("substrate")),
+    evidence=derived("harmonic.evidence:evidence", f"loads oscillations {solid_of('substrate')}"),
     proposal=proposal("force", "shared.punch_proposal:oscillations"),
 )

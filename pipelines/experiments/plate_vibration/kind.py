@@ -20,51 +20,43 @@ _PLATE = Schema(
 _each = partial(stage, per="recording", over="drops.laser")
 
 _STAGES = (
-    _each(
-        "shared.laser_readings:readings", ("file:drops.laser",), ("keyence", "exclude"), summary="read the laser export"
-    ),
+    _each("shared.laser_readings:readings", "file:drops.laser", "keyence exclude", "read the laser export"),
     _each(
         "shared.laser_readings:displacement",
-        ("readings", "file:calibration"),
-        ("sensor", "measured_on"),
+        "readings file:calibration",
+        "sensor measured_on",
+        "correct the inclination, with uncertainty",
         schema="displacement",
-        summary="correct the inclination, with uncertainty",
     ),
-    _each(
-        "plate_vibration.measured:ringing", ("displacement",), summary="fit the free vibration after the first impact"
-    ),
+    _each("plate_vibration.measured:ringing", "displacement", "", "fit the free vibration after the first impact"),
     stage(
-        "plate_vibration.measured:table",
-        ("ringing",),
-        ("drops",),
-        summary="frequency, damping and amplitude by material and height",
+        "plate_vibration.measured:table", "ringing", "drops", "frequency, damping and amplitude by material and height"
     ),
     stage(
         "plate_vibration.model:plate",
-        ("table", "other:drops.material_from/master_curve"),
-        ("drops", "sphere", "counter_body", "model"),
+        "table other:drops.material_from/master_curve",
+        "drops sphere counter_body model",
+        "find the modal mass from amplitude and momentum",
         schema="plate",
-        summary="find the modal mass from amplitude and momentum",
     ),
     stage(
         "plate_vibration.model:model",
-        ("table", "plate", "other:drops.material_from/master_curve"),
-        ("drops", "sphere", "counter_body", "model"),
+        "table plate other:drops.material_from/master_curve",
+        "drops sphere counter_body model",
+        "simulate the drops on the plate",
         shortcuts=True,
-        imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
-        summary="simulate the drops on the plate",
+        imports="labpipe.contact.impact._drop labpipe.compilation",
     ),
     stage(
         "plate_vibration.comparison:comparison",
-        ("displacement", "ringing", "table", "model"),
-        summary="measurement against the fitted plate",
+        "displacement ringing table model",
+        "",
+        "measurement against the fitted plate",
     ),
     judged(
-        "plate_vibration",
-        ("readings", "displacement", "ringing", "table", "plate", "model", "comparison"),
-        rests_on=("drops.material_from",),
+        "plate_vibration", "readings displacement ringing table plate model comparison", rests_on="drops.material_from"
     ),
-    reported("plate_vibration", ("readings", "displacement", "ringing", "table", "plate", "comparison")),
+    reported("plate_vibration", "readings displacement ringing table plate comparison"),
 )
 
 KIND = Kind(
@@ -76,7 +68,7 @@ KIND = Kind(
     schemas=(DISPLACEMENT, _PLATE),
     key_numbers=(KeyNumber("plate frequency", "Hz", "plate", "frequency"),),
     picture=Picture("displacement", "time", "displacement"),
-    rows=derived("plate_vibration.comparison:rows", "comparison", "table", "plate"),
-    budget=derived("plate_vibration.budget:quantities", "displacement", "table", "plate"),
+    rows=derived("plate_vibration.comparison:rows", "comparison table plate"),
+    budget=derived("plate_vibration.budget:quantities", "displacement table plate"),
     proposal=proposal("displacement", "plate_vibration.proposal:proposed", "shared.record_templates:laser_records"),
 )

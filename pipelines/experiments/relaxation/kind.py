@@ -33,47 +33,38 @@ _RELAXATIONS = Schema(
 _each = partial(stage, per="recording", over="mach1")
 
 _STAGES = (
-    _each("shared.mach1_readings:readings", ("file:mach1",), ("columns", "exclude"), summary="read the Mach-1 file"),
+    _each("shared.mach1_readings:readings", "file:mach1", "columns exclude", "read the Mach-1 file"),
     _each(
         "shared.mach1_readings:loads",
-        ("readings", "file:load_cell.record"),
-        ("load_cell.tare",),
-        summary="compression-positive force, tared, with uncertainty",
+        "readings file:load_cell.record",
+        "load_cell.tare",
+        "compression-positive force, tared, with uncertainty",
     ),
     _each(
-        "relaxation.measured:ramps",
-        ("loads",),
-        ("contact",),
-        schema="ramps",
-        summary="find touch, ramps and holds: peak and plateau",
+        "relaxation.measured:ramps", "loads", "contact", "find touch, ramps and holds: peak and plateau", schema="ramps"
     ),
     _each(
         "relaxation.moduli:curves",
-        ("loads", "ramps", *solid_of("substrate")),
-        ("punch", "substrate", "model"),
-        summary="relaxation curve, and moduli from the force",
+        f"loads ramps {solid_of('substrate')}",
+        "punch substrate model",
+        "relaxation curve, and moduli from the force",
     ),
     _each(
         "relaxation.model:model",
-        ("loads", "ramps", *solid_of("substrate")),
-        ("punch", "substrate", "model"),
-        summary="simulate with the measured displacement",
+        f"loads ramps {solid_of('substrate')}",
+        "punch substrate model",
+        "simulate with the measured displacement",
     ),
-    _each(
-        "relaxation.comparison:comparison",
-        ("loads", "ramps", "model"),
-        (),
-        summary="measurement against model: ramp, early, late",
-    ),
+    _each("relaxation.comparison:comparison", "loads ramps model", "", "measurement against model: ramp, early, late"),
     stage(
         "relaxation.measured:tests",
-        ("ramps", "curves", "comparison"),
-        ("mach1",),
+        "ramps curves comparison",
+        "mach1",
+        "combine the tests, average the modulus",
         schema="relaxations",
-        summary="combine the tests, average the modulus",
     ),
-    judged("relaxation", ("readings", "loads", "ramps", "comparison", "tests"), rests_on=("substrate.material_from",)),
-    reported("relaxation", ("readings", "loads", "ramps", "curves", "model", "comparison", "tests")),
+    judged("relaxation", "readings loads ramps comparison tests", rests_on="substrate.material_from"),
+    reported("relaxation", "readings loads ramps curves model comparison tests"),
 )
 
 KIND = Kind(
@@ -87,8 +78,8 @@ KIND = Kind(
     picture=Picture("loads", "time", "force"),
     error="nrmse_all",
     rows=derived("relaxation.comparison:rows", "tests"),
-    budget=derived("relaxation.budget:quantities", "loads", "curves"),
+    budget=derived("relaxation.budget:quantities", "loads curves"),
     body="substrate",
-    evidence=derived("relaxation.evidence:evidence", "loads", "ramps", "curves", *solid_of("substrate")),
+    evidence=derived("relaxation.evidence:evidence", f"loads ramps curves {solid_of('substrate')}"),
     proposal=proposal("force", "shared.punch_proposal:relaxations"),
 )

@@ -17,11 +17,11 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.judging import IMPOSSIBLE, agreement
 from labpipe.materials import Prony
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
-from pipelines.experiments.shared.counter_body import counter_body_of
+from pipelines.experiments.shared.counter_body import counter_body_of, resolve_plate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.material_choice import fitted_at, resolve
-from pipelines.experiments.shared.plate_under_drop import resolve_plate
 from pipelines.experiments.shared.proposals import POLYMERS
+from pipelines.experiments.shared.settings import Sphere
 
 _REACH, _NODES = 40.0, 9
 """K by which another temperature may differ from the stated one, and temperatures that are simulated."""
@@ -55,8 +55,11 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     material_file, fitted, plate = map(given.get, SOURCES)
     sphere, source = settings.sphere, settings.sphere.source
     temperature = None if sphere.temperature is None else sphere.temperature.value
-    others = {name: solid for name in POLYMERS if name != source and (solid := _loaded(name, temperature))}
-    warmer = _at_other_temperatures(temperature, source, material_file, fitted)
+    known = {name: _solid(sphere, None, None, name, temperature) for name in POLYMERS if name != source}
+    others = {name: solid for name, solid in known.items() if solid is not None}
+    nodes = np.empty(0) if temperature is None else temperature + np.linspace(-_REACH, _REACH, _NODES)
+    at_nodes = {float(T): _solid(sphere, material_file, fitted, "", float(T)) for T in nodes}
+    warmer = {T: solid for T, solid in at_nodes.items() if solid is not None}
     solids = [resolve(sphere, material_file, fitted), *others.values(), *warmer.values()]
     gravity, height = settings.model.gravity.value, settings.height.value
     try:
@@ -97,22 +100,14 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     return [*found, Alternative(text, curves[best], bool(is_far))]
 
 
-def _loaded(name: str, temperature: float | None) -> Prony | None:
-    try:
-        return materials.load(name, temperature)
-    except LabpipeError:
-        return None  # its shifts do not reach so far
-
-
-def _at_other_temperatures(
-    temperature: float | None, source: str, file: Path | None, fitted: xr.Dataset | None
-) -> dict[float, Prony]:
-    """Return the stated material at temperatures about the stated one, within its isotherms."""
-    if temperature is None:
-        return {}
-    nodes = temperature + np.linspace(-_REACH, _REACH, _NODES)
-    if fitted is not None:
+def _solid(
+    sphere: Sphere, file: Path | None, fitted: xr.Dataset | None, name: str, temperature: float | None
+) -> Prony | None:
+    """Return the stated solid, or a named one of the library, at a temperature; None where its shifts end before."""
+    if fitted is not None and temperature is not None:
         measured = fitted["temperature"].values
-        low, high = max(nodes[0], measured.min()), min(nodes[-1], measured.max())
-        return {float(T): fitted_at(fitted, float(T)) for T in np.linspace(low, high, _NODES)} if low < high else {}
-    return {float(T): solid for T in nodes if (solid := _loaded(str(file or source), float(T))) is not None}
+        return fitted_at(fitted, temperature) if measured.min() <= temperature <= measured.max() else None
+    try:
+        return materials.load(name or file or sphere.source, temperature)
+    except LabpipeError:
+        return None

@@ -33,23 +33,17 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
 
     Those without a finite value are left out; without any there is no section.
     """
-    found: list[Propagated] = []
-    for each in quantities:
-        budget = linear_budget(each.model, each.inputs)
-        if isfinite(budget.value) and isfinite(budget.u):
-            found.append((each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)))
-    if not found:
+    linear = [(each, linear_budget(each.model, each.inputs)) for each in quantities]
+    known = [(each, budget) for each, budget in linear if isfinite(budget.value) and isfinite(budget.u)]
+    if not known:
         return ()
-    largest = [budget.rows[0] for _, budget, _ in found]
-    table = overview(
-        found,
-        "largest source",
-        [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest],
-        "After the GUM; repeats are type A with Student's quantile. To see which input to "
-        f"measure better: labpipe sensitivity SESSION {experiment}.",
-    )
+    found = [(each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)) for each, budget in known]
+    largest = (budget.rows[0] for _, budget in known)
+    caption = "After the GUM; repeats are type A with Student's quantile. To see which input to measure better: "
+    caption += f"labpipe sensitivity SESSION {experiment}."
+    shares = [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest]
     folded = (Details(each[0].name, blocks=blocks(*each)) for each in found)
-    return (Section("Uncertainty budgets", (table, *folded)),)
+    return (Section("Uncertainty budgets", (overview(found, "largest source", shares, caption), *folded)),)
 
 
 def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = "") -> Table:
@@ -78,18 +72,16 @@ def blocks(
 
     ``columns`` are further ones of the table by title and source.
     """
-    half, unit = budget.expanded(), found.unit
+    half = budget.expanded()
     # two digits of the half width
     digits = 2 + max(ceil(log10(abs(budget.value) / half)), 1) if budget.value and half else 5
-    ends = [
-        f"{quantity(low, unit, digits)} to {quantity(high, unit, digits)}"
-        for low, high in ((budget.value - half, budget.value + half), (drawn.low, drawn.high))
-    ]
-    text = f"Interval of 95 %, linear: {ends[0]}; Monte Carlo: {ends[1]}."
-    rows = [row for row in budget.rows if row["u"] > 0.0]
-    freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
-    few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())
-    more = ({"degrees of freedom": freedom} if few else {}) | dict(columns or {})
+    bounds = (budget.value - half, budget.value + half, drawn.low, drawn.high)
+    text = "Interval of 95 %, linear: {} to {}; Monte Carlo: {} to {}.".format(
+        *(quantity(end, found.unit, digits) for end in bounds)
+    )
+    rows, more = [row for row in budget.rows if row["u"] > 0.0], dict(columns or {})
+    if any(isfinite(g.degrees_of_freedom) for g in found.inputs.values()):
+        more = {"degrees of freedom": {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}} | more
     exact = [shown_source(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
     others = [Paragraph(f"Without a stated or estimated uncertainty: {', '.join(exact)}.")] if exact else []
     return Paragraph(text), *budget_table(rows, found.name, found.unit, more), *others

@@ -1,6 +1,6 @@
-"""One row of ``compare``: a curve or a single value, measured and simulated."""
+"""One row of ``compare``: a curve or a single value, measured and simulated; where curves of a drop are compared."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import erfc, sqrt
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
 from labpipe.variables import variable
 
@@ -142,3 +143,32 @@ def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
     """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
     keys = ("chi2", "degrees_of_freedom", "p_of_curve")
     return {key: comparison[f"{name}_{of}"] for key, (of, _) in zip(keys, _OF_CURVE, strict=True)}
+
+
+_STRETCHES = 3  # of a fall or flight
+_FEWEST = 10  # samples of each
+_BESIDE = 0.1  # of a flight, from its contacts, where a small shift in time is a large one in height
+
+
+def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> list[Integers]:
+    """Return the samples of three stretches within the fall and each flight that a record holds whole.
+
+    The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s].
+    """
+    places: list[Integers] = []
+    for begin, end in zip((max(release, float(time[0])), *leaves), touches, strict=False):
+        margin = _BESIDE * (end - begin)
+        inside = np.flatnonzero((time >= begin + margin) & (time <= end - margin))
+        if inside.size >= _STRETCHES * _FEWEST and end <= time[-1]:
+            places += np.array_split(inside, _STRETCHES)
+    return places
+
+
+def moved_by_scatter(time: Floats, touches: Floats, sd: Floats, velocity: Floats) -> Iterator[Floats]:
+    """Yield the effect on a path (sample,) [m] of the scatter that each impact adds: it moves all that follows.
+
+    ``sd`` (impact,) are the standard deviations [s] of times of touch between drops since the first of them.
+    """
+    for touch, grown in zip(touches[1:], np.diff(np.square(np.nan_to_num(sd))), strict=False):
+        if grown > 0.0:
+            yield np.where(time > touch, np.sqrt(grown) * velocity, 0.0)

@@ -12,10 +12,9 @@ from labpipe.identification import Bounces, DropModel, Parameter, drop_evidence
 from labpipe.report import display_unit
 from labpipe.units import Quantity
 from pipelines.experiments.shared import settings as given
-from pipelines.experiments.shared.counter_body import counter_body_of
+from pipelines.experiments.shared.counter_body import counter_body_of, plate_inputs, resolve_plate
 from pipelines.experiments.shared.material_choice import poissons_ratio
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_poissons_ratio
-from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 
 def body(sphere: given.Sphere) -> dict[str, Parameter]:

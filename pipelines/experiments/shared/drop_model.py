@@ -4,25 +4,26 @@ A drop that the laser sees and one that is filmed through the disc are one model
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, replace
+from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe import contact
+from labpipe import contact, materials
 from labpipe.arrays import Floats
-from labpipe.materials import Prony
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
-from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
-from pipelines.experiments.shared.linear_range import linear_range
-from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
+from pipelines.experiments.shared.counter_body import OF_PLATE, counter_body_of, modulus_of, plate_inputs, resolve_plate
+from pipelines.experiments.shared.material_choice import IMPACT_TIMES, Variation, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
-from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
+from pipelines.experiments.shared.proposals import material_word
+from pipelines.experiments.shared.settings import Sphere
 
 _UNCERTAIN = (
     "restitution",
@@ -33,20 +34,13 @@ _UNCERTAIN = (
     "penetration",
     "impact_speed",
 )
+_ONSET = 1.6
+"""Peak pressure over yield stress at which yield begins under a Hertzian contact (K. L. Johnson, Contact Mechanics,
+1985, section 6.1, doi:10.1017/CBO9781139171731)."""
+_MEAN_STRAIN = 0.2  # of a contact over a/R (the same, section 6.2)
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
 _STIFFER = 0.01  # the same of the modulus
-
-
-class _Trial(NamedTuple):
-    """A simulation with one input changed by a step: a solid, other numbers of the body or plate, or a rigid flat."""
-
-    name: str
-    given: Quantity
-    step: float
-    solid: Prony
-    change: Mapping[str, float] = {}
-    is_on_rigid: bool = False
 
 
 def simulated_drop(
@@ -93,23 +87,23 @@ def simulated_drop(
         full=full,
     )
     count = min(made.sizes["impact"], followed)
-    trials = [_Trial("", settings.height, 1.0, solid)]
-    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
-        step = max(given.u, _LEAST_CHANGE * given.value)
-        trials.append(_Trial(key, given, step, solid, {key: given.value + step}))
-    for key, (given, step, other) in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
-        trials.append(_Trial(key, given, step, other))
-    # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
-    trials += [
-        _Trial(name, E, E.value, solid, is_on_rigid=True) for name, E in modulus_of(settings.counter_body).items()
-    ]
-    trials.append(_Trial("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
-    found = {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+    # of each input another value, one without an uncertainty too, as it may be stated wrongly as well
+    steps = {name: max(given.u, _LEAST_CHANGE * given.value) for name, given in inputs.items()}
+    solids, flats = dict.fromkeys(inputs, solid), [flat, *(flat for _ in inputs)]
+    changes = variations(sphere, material_file, fitted, IMPACT_TIMES)
+    changes |= {name: Variation(E, E.value, solid) for name, E in modulus_of(settings.counter_body).items()}
+    changes["modulus"] = Variation(Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER))
+    for name, (_, steps[name], solids[name]) in changes.items():
+        # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
+        flats.append(None if name in modulus_of(settings.counter_body) else flat)
+    given = inputs | {name: change.given for name, change in changes.items()}
+    found = {name: np.zeros((1 + len(given), 0)) for name in _UNCERTAIN}
     if count:
-        values = [{name: given.value for name, given in inputs.items()} | dict(trial.change) for trial in trials]
+        stated = {name: one.value for name, one in inputs.items()}
+        values = [stated, *(stated | {n: stated[n] + steps[n]} if n in inputs else stated for n in given)]
         moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
         train = contact.impacts(
-            [trial.solid for trial in trials],
+            [solid, *solids.values()],
             [one["radius"] for one in values],
             [one["mass"] for one in values],
             [one["height"] for one in values],
@@ -119,11 +113,11 @@ def simulated_drop(
             max(chosen.rtol, _COARSE),
             gravity=gravity,
             plate=[None if under is None else replace(under, **one) for one in moved],
-            substrate=[None if trial.is_on_rigid else flat for trial in trials],
+            substrate=flats,
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
-    made = _with_slopes(made, trials[1:], found, of_budget)
+    made = _with_slopes(made, given, steps, found, of_budget)
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     limits = linear_range(made, sphere, settings.height.value, material_file, fitted)
@@ -131,25 +125,31 @@ def simulated_drop(
     return made.assign_attrs({name: json.dumps(value) for name, value in known.items()})
 
 
-def _with_slopes(made: xr.Dataset, trials: Sequence[_Trial], found: Mapping[str, Floats], of_budget: str) -> xr.Dataset:
+def _with_slopes(
+    made: xr.Dataset,
+    given: Mapping[str, Quantity],
+    steps: Mapping[str, float],
+    found: Mapping[str, Floats],
+    of_budget: str,
+) -> xr.Dataset:
     """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts.
 
-    ``found`` are results (1 + trial, impact) without a change and with that of each trial.
+    ``found`` are results (1 + input, impact) as stated and with a step of each input.
     """
-    count, names = made.sizes["impact"], [trial.name for trial in trials]
-    steps, u = (np.array(column)[:, None] for column in zip(*((t.step, t.given.u) for t in trials), strict=True))
-    slopes = {name: (values[1:] - values[0]) / steps for name, values in found.items()}
-    made = made.merge(table_of({trial.name: trial.given for trial in trials}))
+    count, u = made.sizes["impact"], np.array([one.u for one in given.values()])[:, None]
+    by = np.array([steps[name] for name in given])[:, None]
+    slopes = {name: (values[1:] - values[0]) / by for name, values in found.items()}
+    made = made.merge(table_of(given))
     for name, slope in slopes.items():
-        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(names)}: {name}"
+        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(given)}: {name}"
         whole = np.sqrt(np.sum(np.square(np.nan_to_num(slope) * u), axis=0))
         made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
         text = f"change per SI unit of input: {name}"
         made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, count).T, units, text)
     sources = [
-        Source.of(trial.name, trial.given, float(np.nan_to_num(slope[0])))
-        for trial, slope in zip(trials, slopes[of_budget], strict=True)
-        if count and trial.given.u > 0.0
+        Source.of(name, one, float(np.nan_to_num(slope[0])))
+        for (name, one), slope in zip(given.items(), slopes[of_budget], strict=True)
+        if count and one.u > 0.0
     ]
     return made.assign_attrs(budget=json.dumps(budget_rows(sources)))
 
@@ -163,3 +163,53 @@ def slopes_of(made: xr.Dataset, name: str, impact: int) -> dict[str, float]:
 def padded(values: Floats, count: int) -> Floats:
     """Return values (impact, …) and NaN up to a number of impacts."""
     return np.concatenate([values, np.full((count - len(values), *values.shape[1:]), np.nan)])
+
+
+def linear_range(
+    made: xr.Dataset, sphere: Sphere, height: float, file: Path | None, fitted: xr.Dataset | None
+) -> dict[str, Any]:
+    """Return pressure and strain of the first impact of a simulated drop, and up to where linearity is known.
+
+    ``strain`` and, of the rheometer's sweeps, ``sweeps`` (None where their files state none); ``pressure`` [Pa], that
+    of Hertz for the largest force and radius. Where the yield stress of the material is known, at the mean strain rate
+    of the contact, ``rate`` [1/s]: ``onset``, ``u_onset`` [Pa], ``beyond``, the number of impacts whose pressure
+    exceeds it, and ``fall`` [m], from which the first one does (the pressure goes with the fifth root of the height).
+    """
+    if not made.sizes["impact"]:
+        return {}
+    pressure, duration = float(made["peak_pressure"][0]), float(made["contact_duration"][0])
+    strain = _MEAN_STRAIN * float(made["peak_contact_radius"][0]) / sphere.radius.value
+    found = {"pressure": pressure, "strain": strain, "sweeps": None if fitted is None else fitted.attrs.get("strain")}
+    named = file or material_word(sphere.source)
+    stress = None if named is None else materials.describe(named).yield_stress
+    if stress is None or not isfinite(duration):
+        return found
+    rate = 2.0 * strain / duration
+    onset, u_onset = (_ONSET * each for each in stress.at(rate)[:2])
+    found |= {"material": sphere.source if file else named, "fall": height * (onset / pressure) ** 5}
+    beyond = int((made["peak_pressure"].values > onset).sum())
+    return found | {"rate": rate, "onset": onset, "u_onset": u_onset, "beyond": beyond}
+
+
+def linear_range_rows(model: xr.Dataset) -> list[tuple[str, str, str]]:
+    """Return pressure and strain of the first impact for a page, and whether linear viscoelasticity holds there."""
+    known = json.loads(model.attrs.get("linear_range", "{}"))
+    if not known:
+        return []
+    remark = "no yield stress of this material is known"
+    if "onset" in known:
+        limit, fall = value_with_uncertainty(known["onset"], known["u_onset"], "Pa"), quantity(known["fall"], "m", 2)
+        remark = f"{known['material']} begins to yield at 1.6 Y = {limit} (at {known['rate']:.2g} 1/s), from a fall of "
+        remark += f"some {fall} on: "
+        likely = "probably " if abs(known["pressure"] - known["onset"]) < 2.0 * known["u_onset"] else ""
+        if count := known["beyond"]:
+            which = "the first impact" if count == 1 else f"the first {count} impacts"
+            remark += f"linear viscoelasticity {likely}ends in {which}, and the model leaves out the losses by yield"
+        else:
+            remark += f"linear viscoelasticity {likely}holds"
+    of_sweeps = "the strain of the sweeps is not known"
+    if (sweeps := known["sweeps"]) is not None:
+        beyond = "; that the moduli are linear beyond is assumed" if sweeps < known["strain"] else ""
+        of_sweeps = f"the sweeps went up to {100.0 * sweeps:.2g} %{beyond}"
+    pressure, strain = quantity(known["pressure"], "Pa", 3), f"{100.0 * known['strain']:.2g} %"
+    return [("largest pressure", pressure, remark), ("mean strain, 0.2 a/R", strain, of_sweeps)]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource, ShownFrames
-from labpipe.report import Block, Column, Notice, Section, Table
+from labpipe.report import Column, Notice, Section, Table
 from labpipe.variables import variable
 from labpipe.workflow.exclusions import exclusions
 
@@ -92,7 +92,5 @@ def notebook(settings: Any) -> Section | None:
     """Show notes and exclusions of an experiment, in the order of their days."""
     entries = [(str(note.on), note.who, "note", note.text) for note in getattr(settings, "notes", ())]
     entries += [(str(one.on or ""), one.who, f"excluded: {one.excluded}", one.reason) for one in exclusions(settings)]
-    if not entries:
-        return None
-    table: Block = Table(tuple(map(Column, ("day", "who", "entry", "text or reason"))), sorted(entries))
-    return Section("Notes and exclusions", (table,))
+    table = Table(tuple(map(Column, ("day", "who", "entry", "text or reason"))), sorted(entries))
+    return Section("Notes and exclusions", (table,)) if entries else None

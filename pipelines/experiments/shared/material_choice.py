@@ -45,8 +45,7 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     temperature = None if choice.temperature is None else choice.temperature.value
     if fitted is not None:
         return fitted_at(fitted, temperature)
-    named = file or choice.material
-    if named is None:
+    if (named := file or choice.material) is None:
         raise InputError("no material is named")
     return materials.load(named, temperature)
 
@@ -113,9 +112,8 @@ def poissons_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset
     """Return Poisson's ratio of the material that the settings name; arguments as for :func:`resolve`."""
     if fitted is not None:
         return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
-    known = materials.describe(choice.material or "") if file is None else (materials.read_material(file))
-    entry = next(e for e in known.entries if e.name == "poisson")
-    return Quantity(entry.value, entry.u, "1")
+    known = materials.describe(choice.material or "") if file is None else materials.read_material(file)
+    return next(Quantity(e.value, e.u, "1") for e in known.entries if e.name == "poisson")
 
 
 def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:

@@ -63,14 +63,18 @@ def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
     return value_with_uncertainty(value, u, str(dataset[name].attrs["units"]))
 
 
-def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
-    """List a variable of a result, with its standard uncertainty where it has one.
+def column(
+    dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, has_u: bool = True, digits: int = 4
+) -> Listed:
+    """List a variable of a result, with its standard uncertainty where it has one and it is wanted.
 
     With a factor other than 1 the numbers are no longer in SI, and the title names their unit.
     """
     u = f"u_{name}"
     values, units = (dataset[name].values * factor).tolist(), str(dataset[name].attrs["units"]) if factor == 1.0 else ""
-    return Listed(title, values, units, (dataset[u].values * factor).tolist() if u in dataset else None, digits)
+    return Listed(
+        title, values, units, (dataset[u].values * factor).tolist() if has_u and u in dataset else None, digits
+    )
 
 
 def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "model") -> tuple[Series, Band]:
@@ -79,9 +83,8 @@ def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "mode
     return Series(label, x, y, role="model"), Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model")
 
 
-def plain(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
-    """List a variable of a result without its uncertainty; else as :func:`column`."""
-    return replace(column(dataset, name, title, factor, digits=digits), u=None)
+plain = partial(column, has_u=False)
+"""List a variable of a result without its uncertainty; else as :func:`column`."""
 
 
 def of_each(results: Sequence[xr.Dataset], name: str, title: str, *, has_u: bool = True, digits: int = 4) -> Listed:
@@ -119,11 +122,9 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
     answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
     if answer and rest:  # a verdict, and the key numbers after it
-        opening = Section(first.title, (*answer, *head, *shown), first.anchor)
-        basis = (Section("What the verdict rests on", behind),) if behind else ()
-        rest = [*rest[:1], *basis, *rest[1:]]
-    else:
-        opening = Section(first.title, (*answer, *head, *behind, *shown), first.anchor)
+        basis = [Section("What the verdict rests on", behind)] if behind else []
+        rest, behind = [*rest[:1], *basis, *rest[1:]], ()
+    opening = Section(first.title, (*answer, *head, *behind, *shown), first.anchor)
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
@@ -135,13 +136,11 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
 
 def _without_first_chart(sections: Sequence[Section]) -> tuple[list[Section], tuple[Block, ...]]:
     """Take the first chart out of its section; a section of which nothing is left goes with it."""
-    for place, section in enumerate(sections):
-        for i, block in enumerate(section.blocks):
-            if isinstance(block, LineChart | ScatterChart):
-                left = replace(section, blocks=(*section.blocks[:i], *section.blocks[i + 1 :]))
-                others = [left] if left.blocks else []
-                return [*sections[:place], *others, *sections[place + 1 :]], (block,)
-    return list(sections), ()
+    charts = (block for section in sections for block in section.blocks if isinstance(block, LineChart | ScatterChart))
+    if (first := next(charts, None)) is None:
+        return list(sections), ()
+    parts = (replace(section, blocks=tuple(b for b in section.blocks if b is not first)) for section in sections)
+    return [left for left, whole in zip(parts, sections, strict=True) if left.blocks or not whole.blocks], (first,)
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
@@ -203,11 +202,10 @@ def kept_notice(context: Context) -> tuple[Block, ...]:
 def failed_notice(context: Context) -> tuple[Notice, ...]:
     """Name which steps gave no result, so that a missing section is explained."""
     own = [f for f in context.failures if not f.is_consequence]
-    missing = dict.fromkeys(f.stage for f in context.failures if f.is_consequence)
+    missing = ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence))
     told = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
-    if missing:
-        told.append(Notice("info" if own else "error", f"Not made without what failed before: {', '.join(missing)}."))
-    return tuple(told)
+    more = [Notice("info" if own else "error", f"Not made without what failed before: {missing}.")] if missing else []
+    return (*told, *more)
 
 
 def problems(context: Context) -> Section:
@@ -231,18 +229,10 @@ def calibration_rows(text: str) -> KeyValues:
     """Show the calibration record and its checks."""
     checked = json.loads(text)
     shown = {
-        "id": "record",
-        "instrument": "instrument",
-        "serial": "serial number",
-        "view": "view",
-        "how": "method",
-        "who": "calibrated by",
-        "when": "on",
-        "valid_from": "valid from",
-        "valid_until": "valid until",
-        "sensor_check": "sensor",
-        "validity_check": "validity",
-    }
+        "id": "record", "instrument": "instrument", "serial": "serial number", "view": "view", "how": "method",
+        "who": "calibrated by", "when": "on", "valid_from": "valid from", "valid_until": "valid until",
+        "sensor_check": "sensor", "validity_check": "validity",
+    }  # fmt: skip
     rows = [(title, str(checked[key]), "") for key, title in shown.items() if checked.get(key)]
     return KeyValues(rows, caption="Calibration record")
 
@@ -254,24 +244,15 @@ def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, 
     return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
-def raw_header(dataset: xr.Dataset | None) -> Details | None:
-    """Show the instrument's own header, folded away."""
-    if dataset is None:
-        return None
-    header = str(dataset.attrs.get("header", "")).strip()
-    if not header:
-        return None
-    return Details(f"Raw header of {dataset.attrs.get('source', 'the file')}", text=header)
-
-
 def present(results: Sequence[xr.Dataset | None] | None) -> list[xr.Dataset]:
     """Return the results of the recordings that gave one; a step that failed left None."""
     return [result for result in results or () if result is not None]
 
 
-def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
-    """Show the headers of several files, folded into one."""
-    headers = tuple(h for dataset in datasets if (h := raw_header(dataset)) is not None)
+def raw_headers(datasets: Iterable[xr.Dataset]) -> tuple[Details, ...]:
+    """Show the instruments' own headers of files, each folded away, and several folded into one."""
+    texts = ((one.attrs.get("source", "the file"), str(one.attrs.get("header", "")).strip()) for one in datasets)
+    headers = tuple(Details(f"Raw header of {source}", text=text) for source, text in texts if text)
     if len(headers) < 2:
         return headers
     return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
@@ -316,29 +297,26 @@ def laser_recordings(
 
 def ledger(context: Context) -> Section:
     """Show the work done and skipped for this page."""
-    is_of_others = len({row.experiment for row in context.ledger}) > 1  # such as the DMA behind a drop
-    left = 0 if is_of_others else 1
+    left = (
+        len({row.experiment for row in context.ledger}) < 2
+    )  # otherwise also of others, such as the DMA behind a drop
     rows = [
         (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[left:]
         for row in context.ledger
     ]
-    columns = (Column("experiment"), Column("step"), Column("work"), Column("done"), Column("skipped"))
-    caption = "Counts of work; the same for the same inputs on every machine."
-    table = Table(columns[not is_of_others :], rows, caption=caption)
+    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))[left:]
+    table = Table(columns, rows, caption="Counts of work; the same for the same inputs on every machine.")
     return folded("Processing steps", counted(len(rows), "count"), (table,))
 
 
 def provenance(context: Context) -> Section:
     """Show inputs with their digests, versions, and the settings."""
+    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
     found = dict(context.provenance)
-    files = Table(
-        (Column("file"), Column("bytes", digits=12), Column("SHA-256")),
-        [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())],
-        caption="Raw files used for this page; none was changed.",
-    )
+    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
+    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
     text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
-    blocks = (files, Details("Versions, parameters and stages (JSON)", text=text))
-    return Section("Provenance", blocks)
+    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
 
 
 def limits_of(model: xr.Dataset) -> tuple[Block, ...]:

@@ -89,9 +89,8 @@ def measured(settings: Any, context: Context, readings: Any = None, loads: Any =
             )
             inside.append(listed(columns, "Blocks of the file"))
         inside += [] if force is None else _cell(force)
-        header = pages.raw_header(raw)
         blocks += [Details(name, inside)] if inside else []
-        blocks += [header] if header is not None else []
+        blocks += [] if raw is None else pages.raw_headers([raw])
     return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
 
 

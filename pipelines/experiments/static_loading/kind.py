@@ -4,43 +4,39 @@ from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judge
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _STAGES = (
-    stage("static_loading.measured:readings", ("file:laser",), ("keyence", "exclude"), summary="read the laser export"),
+    stage("static_loading.measured:readings", "file:laser", "keyence exclude", "read the laser export"),
     stage(
         "static_loading.measured:displacement",
-        ("readings", "file:calibration"),
-        ("sensor", "measured_on", "loads", "steps.window"),
-        summary="correct the inclination, with uncertainty",
+        "readings file:calibration",
+        "sensor measured_on loads steps.window",
+        "correct the inclination, with uncertainty",
     ),
     stage(
         "static_loading.load_steps:steps",
-        ("displacement",),
-        ("loads", "sphere.radius", "steps", "model.gravity"),
-        summary="find load times and first touch; creep compliance",
+        "displacement",
+        "loads sphere.radius steps model.gravity",
+        "find load times and first touch; creep compliance",
     ),
     stage(
         "static_loading.measured:approach",
-        ("displacement", "steps"),
-        ("sphere.radius", "steps"),
-        summary="approach, contact radius and creep under each load",
+        "displacement steps",
+        "sphere.radius steps",
+        "approach, contact radius and creep under each load",
     ),
     stage(
         "static_loading.model:model",
-        ("displacement", "steps", *solid_of("sphere")),
-        ("sphere", "counter_body", "model"),
-        summary="simulate the creeping contact; Hertz's steps",
+        f"displacement steps {solid_of('sphere')}",
+        "sphere counter_body model",
+        "simulate the creeping contact; Hertz's steps",
     ),
     stage(
         "static_loading.comparison:comparison",
-        ("displacement", "approach", "steps", "model"),
-        ("loads", "sphere.radius", "steps"),
-        summary="measurement against model and Hertz",
+        "displacement approach steps model",
+        "loads sphere.radius steps",
+        "measurement against model and Hertz",
     ),
-    judged(
-        "static_loading",
-        ("readings", "displacement", "steps", "approach", "model", "comparison"),
-        rests_on=("sphere.material_from",),
-    ),
-    reported("static_loading", ("readings", "displacement", "steps", "approach", "model", "comparison")),
+    judged("static_loading", "readings displacement steps approach model comparison", rests_on="sphere.material_from"),
+    reported("static_loading", "readings displacement steps approach model comparison"),
 )
 
 KIND = Kind(
@@ -52,8 +48,8 @@ KIND = Kind(
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
     error="nrmse_contact_radius_model",
-    rows=derived("static_loading.comparison:rows", "comparison", "approach", "model"),
-    budget=derived("static_loading.budget:quantities", "displacement", "steps", "approach", "model"),
+    rows=derived("static_loading.comparison:rows", "comparison approach model"),
+    budget=derived("static_loading.budget:quantities", "displacement steps approach model"),
     body="sphere",
     proposal=proposal("displacement", "static_loading.proposal:proposed", "shared.record_templates:laser_records"),
 )

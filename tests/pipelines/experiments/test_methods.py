@@ -41,20 +41,17 @@ def test_a_film_tells_how_its_frames_were_measured(codes: list[int], says: Any, 
 
 
 @pytest.mark.parametrize(
-    ("velocity", "has_model", "says", "hides"),
+    ("has_model", "says", "hides"),
     [
-        ("spline", True, ("quintic smoothing spline", "on sapphire of E", "“acrylic”"), ("moving average",)),
-        ("thesis", False, ("moving average",), ("spline", "simulated", "root-mean-square")),
+        (True, ("quintic smoothing spline", "on sapphire of E", "“acrylic”"), ()),
+        (False, (), ("simulated", "root-mean-square")),
     ],
 )
-def test_a_drop_tells_its_velocity_and_simulates_only_what_was_simulated(
-    velocity: str, has_model: bool, says: Any, hides: Any
-) -> None:
+def test_a_drop_simulates_only_what_was_simulated(has_model: bool, says: Any, hides: Any) -> None:
     settings: Any = SimpleNamespace(
         sphere=SPHERE,
         laser=["a.csv"],
         height=Quantity(1.5e-3, 5e-6, "m"),
-        analysis=SimpleNamespace(velocity=velocity),
         model=SimpleNamespace(profile="sphere", rtol=1e-4),
         counter_body="sapphire",
     )

@@ -3,13 +3,12 @@
 import json
 import re
 from collections.abc import Iterable, Sequence
-from math import floor, log10
+from math import floor, isfinite, isnan, log10
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
-from labpipe.judging import DIFFERS, LIKELY, Finding, Judgement, from_json, in_words
+from labpipe.judging import DIFFERS, LIKELY, Check, Finding, Judgement, from_json, in_words
 from labpipe.report import (
     Block,
     Column,
@@ -119,12 +118,9 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         level = "error" if judged.believable == "impossible" else "warning"
         return level, f"{capitalised(judged.believable)}: {seen}.{cause} {_BESIDE[model].format(by)} {checks}."
     checks = checks if judged.n_made else "no check could be made"
-    stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
-    if stopped is not None:
-        text = (
-            f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}. {capitalised(stopped.cause)}."
-        )
-        return "warning", text
+    for stopped in (c for c in judged.checks if c.level is not None and not c.is_made):
+        text = f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}."
+        return "warning", f"{text} {capitalised(stopped.cause)}."
     shown = ""
     if known:
         which = f"The largest of {len(known)} deviations" if len(known) > 1 else "The deviation"
@@ -169,7 +165,7 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     judged = believed(result)
     level, text = sentence(result, rows)
     blocks: list[Block] = [Notice(level, with_minus(text), VERDICT)]  # type: ignore[arg-type]
-    if exact := counted_as_exact(result):
+    if exact := json.loads(result.attrs.get("exact", "[]")):
         blocks.append(Paragraph(f"Counted as exact, since stated without ±: {', '.join(exact)}."))
     if judged.findings:
         cells = [
@@ -186,11 +182,7 @@ def written_place(finding: Finding) -> str:
     """Write where to look as a stored page does, which knows settings but not their lines."""
     if finding.line is not None or (finding.file and not finding.setting):
         return finding.place
-    return (
-        f"{finding.file or FILE_NAME}, {counted_from_one(finding.setting)}"
-        if finding.setting or not finding.file
-        else finding.file
-    )
+    return f"{finding.file or FILE_NAME}, {counted_from_one(finding.setting)}"
 
 
 def noticed(result: xr.Dataset) -> str:
@@ -200,38 +192,35 @@ def noticed(result: xr.Dataset) -> str:
     --------
     ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Insensitive to: mass."``
     """
-    units = json.loads(result.attrs["units"])
-    values = (result[name].values for name in ("input", "detectable", "detectable_error"))
-    errors = []
-    for name, relative, error, unit in zip(*values, units, strict=True):
-        size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
-        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
-            is_seen = np.isfinite(error) and not (unit == "degC" and error > _FAR_WARMER)
-            size = quantity(float(error), of_error(unit)) if is_seen else ""
-        errors.append((not size, bool(np.isnan(relative)), float(relative), shown_source(str(name)), size))
-    errors.sort()
-    parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for *_, name, size in errors if size]
-    none = [name for *_, name, size in errors if not size]
-    between = f"{TIED}· "
-    said = f"Errors that would have shown: {between.join(parts) or 'none below 100' + TIED + '%'}."
-    return (
-        f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
-        if none and parts
-        else said
-    )
+    units, between = json.loads(result.attrs["units"]), f"{TIED}· "
+    values = (result[name].values.tolist() for name in ("detectable", "detectable_error", "input"))
+    parts, none = [], []
+    for relative, error, name, unit in sorted(zip(*values, units, strict=True), key=lambda one: (isnan(one[0]), one)):
+        size = f"{in_words(100 * relative, 2)} %" if relative < 1.0 else ""
+        if isnan(relative) and isfinite(error) and not (unit == "degC" and error > _FAR_WARMER):
+            size = quantity(error, of_error(unit))  # of an input that is 0, such as a position, or a temperature
+        parts += [f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}"] if size else []
+        none += [] if size else [shown_source(name)]
+    said = f"Errors that would have shown: {between.join(parts) or f'none below 100{TIED}%'}."
+    if not (none and parts):
+        return said
+    return f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
 
 
 def _checked(judged: Judgement) -> tuple[Block, Block]:
     """List the checks, one row for each; and, folded away, their results for each recording and each stated value."""
+
+    def seen(one: Check) -> str:
+        return with_minus(one.message or f"requires {one.needs}")
+
     checks, evaluations = [], []
     for row in judged.rows:
         title = capitalised(row.title)
-        checks.append((title, row.summary, with_minus(row.worst.message or f"requires {row.worst.needs}"), row.law))
+        checks.append((title, row.summary, seen(row.worst), row.law))
         for one in row.evaluations:
             answer = one.level or ("passed" if one.is_made else "not made")
-            margin = f"{one.margin:+z.1f} u" if np.isfinite(one.margin) else ""
-            seen = one.message or f"requires {one.needs}"
-            evaluations.append((title, one.name, answer, with_minus(margin), with_minus(seen)))
+            margin = with_minus(f"{one.margin:+z.1f} u") if isfinite(one.margin) else ""
+            evaluations.append((title, one.name, answer, margin, seen(one)))
     heads = ("check", "result", "largest deviation", "principle")
     table = Table(tuple(map(Column, heads)), checks, caption="Checks of the record.")
     whole = Table(tuple(map(Column, ("check", "quantity", "result", "margin", "observation"))), evaluations)
@@ -248,28 +237,19 @@ def suspected(result: xr.Dataset) -> list[str]:
     return list(json.loads(result.attrs.get("suspects", "[]")))
 
 
-def counted_as_exact(result: xr.Dataset) -> list[str]:
-    """Return the names of the values that were stated without an uncertainty."""
-    return list(json.loads(result.attrs.get("exact", "[]")))
-
-
 def compared(result: xr.Dataset) -> dict[str, Any]:
     """Return the result of the comparison of one experiment, for JSON."""
     units = json.loads(result.attrs["units"])
-    errors = result["detectable_error"].values
-    names = [str(name) for name in result["input"].values]
+
+    def finite(value: Any) -> float | None:
+        return float(value) if isfinite(value) else None
+
+    named = zip(result["input"].values.tolist(), result["detectable_error"].values.tolist(), units, strict=True)
     return {
         "model": str(result.attrs["model"]),
-        "chi2": _finite(result["chi_square"]),
+        "chi2": finite(result["chi_square"]),
         "degrees_of_freedom": told_freedom(float(result["degrees_of_freedom"])),
-        "p": _finite(result["p"]),
+        "p": finite(result["p"]),
         "suspects": suspected(result),
-        "detectable": {
-            name: {"value": float(error) if np.isfinite(error) else None, "unit": of_error(unit)}
-            for name, error, unit in zip(names, errors, units, strict=True)
-        },
+        "detectable": {name: {"value": finite(error), "unit": of_error(unit)} for name, error, unit in named},
     }
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(float(value)) else None

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Set
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -86,42 +85,29 @@ def _doubted(judged: Judgement, inputs: Set[str]) -> str:
     return ""
 
 
-@dataclass(frozen=True)
-class Judging:
-    """The judgement of a kind: called by its stage, it makes one verdict of the results of the steps.
-
-    ``scene``: asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names``: of the results
-    that the stage is given, in its order; ``rests_on``: fields that name experiments, as the stage lists them; their
-    judgements follow the results; ``expected``: results that are no expectation where one of these experiments is
-    impossible; ``titles``: of the checks.
-    """
-
-    scene: Callable[..., Scene]
-    names: tuple[str, ...]
-    rests_on: tuple[str, ...]
-    expected: tuple[str, ...]
-    titles: Titles
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of the stage, in its order; of a judgement, that of the field."""
-        return (*self.names, *self.rests_on)
-
-    def __call__(self, *results: Any, settings: Any, context: Context) -> xr.Dataset:
-        """Judge an experiment."""
-        known = dict(zip(self.inputs, results, strict=False))
-        basis = Basis.of([known.pop(field, None) for field in self.rests_on])
-        if not basis.is_sound:
-            known |= dict.fromkeys(self.expected)
-        made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(self.scene), self.titles)
-        return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
-
-
 def judging(
     *names: str,
     rests_on: tuple[str, ...] = (),
     expected: tuple[str, ...] = ("model", "comparison"),
     titles: Titles = MappingProxyType({}),
-) -> Callable[[Callable[..., Scene]], Judging]:
-    """Make the stage of a function that returns the scene of an experiment, see :class:`Judging`."""
-    return lambda scene: Judging(scene, names, rests_on, expected, titles)
+) -> Callable[[Callable[..., Scene]], Any]:
+    """Make the stage that judges a kind of a function that returns the scene of an experiment.
+
+    The function asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names`` are those of the
+    results that the stage is given, in its order; ``rests_on`` are fields that name experiments, whose judgements
+    follow; ``expected`` are results that are no expectation where one of these is impossible; ``titles`` those of the
+    checks. Its attribute ``inputs`` holds the names of all that it is given.
+    """
+
+    def of_scene(scene: Callable[..., Scene]) -> Any:
+        def judged(*results: Any, settings: Any, context: Context) -> xr.Dataset:
+            known = dict(zip((*names, *rests_on), results, strict=False))
+            basis = Basis.of([known.pop(field, None) for field in rests_on])
+            known |= {} if basis.is_sound else dict.fromkeys(expected)
+            made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(scene), titles)
+            return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
+
+        vars(judged)["inputs"] = (*names, *rests_on)
+        return judged
+
+    return of_scene

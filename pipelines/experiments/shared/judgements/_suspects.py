@@ -1,25 +1,13 @@
 """Explanations of a model that differs: a value that was stated wrongly, or another material."""
 
 from collections.abc import Mapping, Sequence, Set
-from math import inf, log
+from math import exp, inf, isclose, log
 from typing import NamedTuple
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import (
-    DOUBTFUL,
-    IMPOSSIBLE,
-    SLIPS,
-    Cause,
-    Check,
-    Judgement,
-    agreement,
-    explain,
-    in_words,
-    model_verdict,
-    suspects,
-)
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, SLIPS, Judgement, agreement, fitted_errors, in_words, model_verdict
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
@@ -34,23 +22,21 @@ _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
-_DECIMAL = 10.0
 _NO_GRADE = 5.0  # between moduli of two grades of one polymer
 _MODULUS = "modulus"
 """Input of a material: its u is 0 where it is known by its name alone."""
 _MOST, _MUCH, _SOME = 0.8, 0.5, 0.2
 """Shares of a difference that another material, an input alone, and one of several inputs must explain to be named."""
-_NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
+_NO_SLIP = ("1", "degC", "K")  # units of inputs that have no usual factor
 _SLIPS_OF = {"kg": "mass", "m": "size"}  # which factors are usual, by the unit of an input
 _BENT = 0.1  # relative, by which effects over such a factor leave a power law
 _COUNT, _MOST_COUNTED = "number of ", 20
 """Begin of the name of an input that is counted, and the largest number that is tried for it."""
 _SUSPECTS = 2  # inputs that are named where the model differs
 _CLOSE = 6.0
-"""Difference of chi square within which an input explains as much as the one that explains most."""
+"""Difference of chi square within which two explanations cannot be distinguished."""
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
-_RELATIVE = 1e-2  # uncertainty assumed of a factor that nobody measured
 
 
 class Compared(NamedTuple):
@@ -90,39 +76,36 @@ class Compared(NamedTuple):
 
 
 class _Error(NamedTuple):
-    """An input, and the error of it that would explain a difference."""
+    """An input, the error of it that would explain a difference, and the share of chi square that it explains."""
 
     name: str
     given: Quantity
     size: float
+    share: float
 
     @property
     def n_u(self) -> float:
         """Size in stated standard uncertainties, or usual ones where none is stated."""
-        usual = _RELATIVE * abs(self.given.value) if self.given.si == "1" else usual_uncertainty(self.given)
+        usual = 0.01 * abs(self.given.value) if self.given.si == "1" else usual_uncertainty(self.given)
         return abs(self.size) / (self.given.u or usual or inf)
 
     @property
     def is_near(self) -> bool:
-        """Whether its effect is still known by its slope."""
+        """Whether its effect is still known by its slope, and a count is wrong by one at least."""
+        if self.name.startswith(_COUNT) and abs(self.size) < 0.5:
+            return False
         return not self.given.value or abs(self.size) <= max(_LINEAR * abs(self.given.value), _FAR * self.given.u)
 
-    @property
-    def is_part_of_count(self) -> bool:
-        """Whether it is less than half of one of a number of things."""
-        return self.name.startswith(_COUNT) and abs(self.size) < 0.5
-
-    @property
-    def shown(self) -> str:
-        """The error and its direction."""
-        by = quantity(abs(self.size), of_error(self.given.si))
+    def sentence(self, alike: "Sequence[_Error]" = ()) -> str:
+        """Say by how much the input would have to be stated wrongly; others that are ``alike`` explain as much."""
+        others = f" (or {', '.join(other.name for other in alike)})" * bool(alike)
+        by, u = quantity(abs(self.size), of_error(self.given.si)), "stated" if self.given.u else "usual"
         if self.given.si == "1" and self.given.value:
             by = f"{in_words(100 * abs(self.size / self.given.value), 2)} %"
-        return f"{by} too {'large' if self.size > 0.0 else 'small'}"
-
-
-Ranked = list[tuple[float, list[_Error]]]
-"""Inputs whose errors look the same, with the share of a difference that they explain, the largest first."""
+        said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
+        said += f"{100 * self.share:.0f} % of it"
+        far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
+        return said + far * (self.n_u > IMPOSSIBLE)
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -155,32 +138,30 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
 def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[str]:
     """Explain why measurement and model differ, the likeliest explanation first.
 
-    Typing errors by a usual factor, other materials and other temperatures come first, by how much of the difference
+    Other materials, other temperatures and typing errors by a usual factor come first, by how much of the difference
     they leave; then inputs within ten of their standard uncertainties; last the others. A value that a check has
     confirmed is no suspect.
     """
-    names, slopes = compared.names, compared.slopes
-    if not names:
+    names, chi2 = compared.names, agreement(compared.differences, compared.covariance).chi2
+    if not names or not chi2:
         return []
-    known = {**scene.inputs, **scene.shared}
-    chi2 = agreement(compared.differences, compared.covariance).chi2
-    ranked: Ranked = []
-    for one in suspects(compared.differences, slopes, compared.covariance):
-        row = int(np.argmax(np.abs(slopes[:, one.inputs[0]])))
-        effect = one.error * slopes[row, one.inputs[0]]
-        alike = [_Error(names[i], known[names[i]], effect / slopes[row, i]) for i in one.inputs if slopes[row, i]]
-        ranked.append((one.share, alike))
-    sizes = {error.name: error.size for _, alike in ranked for error in alike}
-    refuted = {name for name in names if _is_refuted(_Error(name, known[name], sizes.get(name, 0.0)), scene, judged)}
+    fitted = np.array(fitted_errors(compared.differences, compared.slopes, compared.covariance)).T.tolist()
+    errors = [_Error(name, scene.inputs[name], *of) for name, of in zip(names, fitted, strict=True)]
+    best = max(errors, key=lambda error: error.share)
+    close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
+    refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
     told = _alternatives(scene, compared, chi2)
-    told += [] if scene.unstated else _slipped(scene, compared, ranked, refuted)
-    plausible, far = _suspected(ranked, chi2, refuted)
-    if not told and not plausible and ranked and ranked[0][0] > _MUCH:
-        distant = [error.name for error in ranked[0][1] if not error.is_near]
-        if _MODULUS in distant:
-            others = " or ".join(name for name in distant if name != _MODULUS)
-            told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
-    return [*told, *plausible, *far][:_SUSPECTS] or [_UNEXPLAINED]
+    told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
+    near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
+    # of those that explain as much the likelier one takes less of its own uncertainty
+    near.sort(key=lambda error: (error.n_u > IMPOSSIBLE, error not in close, error.n_u))
+    alike = [e for e in near[1:] if e in close and (e.n_u > IMPOSSIBLE) == (near[0].n_u > IMPOSSIBLE)]
+    distant = [error.name for error in close if not error.is_near]
+    if not told and best.share > _MUCH and _MODULUS in distant and not any(e.n_u <= IMPOSSIBLE for e in near):
+        others = " or ".join(name for name in distant if name != _MODULUS)
+        told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
+    told += [error.sentence(alike if error is near[0] else ()) for error in near if error not in alike]
+    return told[:_SUSPECTS] or [_UNEXPLAINED]
 
 
 def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
@@ -214,36 +195,7 @@ def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
     return any(by > DOUBTFUL * check.u_log_ratio for by, check in moved)
 
 
-def _suspected(ranked: Ranked, chi2: float, refuted: Set[str]) -> tuple[list[str], list[str]]:
-    """Say by how much each of the likeliest inputs would have to be stated wrongly, and the share that explains.
-
-    Returned are those within ten of their standard uncertainties, and the others, the nearest first.
-    """
-    plausible: list[str] = []
-    others: list[tuple[float, str]] = []
-    each = [
-        (share, sorted((e for e in alike if not e.is_part_of_count), key=lambda e: e.n_u)) for share, alike in ranked
-    ]
-    # of those that explain as much the likelier one takes less of its own uncertainty
-    close = [(share, errors) for share, errors in each if (ranked[0][0] - share) * chi2 < _CLOSE]
-    close.sort(key=lambda one: one[1][0].n_u if one[1] else inf)
-    for share, errors in [*close, *each[len(close) :]]:
-        near = [error for error in errors if error.is_near and error.name not in refuted]
-        if share < _SOME or not near:
-            continue
-        first, same = near[0], ", ".join(error.name for error in near[1:])
-        said = (
-            f"{first.name}{f' (or {same})' * bool(same)} stated {first.shown} would explain {100 * share:.0f} % of it"
-        )
-        if first.n_u > IMPOSSIBLE:
-            of_what = "stated" if first.given.u else "usual"
-            others.append((first.n_u, f"{said}, but that is {in_words(first.n_u, 2)} times its {of_what} uncertainty"))
-        else:
-            plausible.append(said)
-    return plausible, [said for _, said in sorted(others)]
-
-
-def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[str]) -> list[str]:
+def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str]) -> list[str]:
     """Name which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
 
     Contacts follow power laws (Hertz: a duration goes with m^0.4 R^-0.2): logarithms of positive rows are linear in
@@ -251,51 +203,56 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
     measured, would do the same, none is named but by a factor that no grade of a material makes; nor is a value
     that a check of the record has confirmed.
     """
-    known, names = scene.inputs, compared.names
+    inputs, names = scene.inputs, compared.names
+    pairs = [(row.measured or 0.0, row.model or 0.0) for row in compared.rows]
+    kept = [i for i, (measured, model) in enumerate(pairs) if measured * model > 0.0]
+    if not kept:
+        return []
+    measured, model = np.array(pairs)[kept].T
+    scale, ratio = np.sqrt(measured * model), np.log(measured / model)
+    covariance = compared.covariance[np.ix_(kept, kept)] / np.outer(scale, scale)
+    if np.sum(ratio**2 / np.diagonal(covariance)) < DOUBTFUL**2:
+        return []  # rows that differ together alone are off by no such factor
+    # a slope is that of what comes from the inputs: where no model is compared, of the measured value
+    moved = np.where([compared.rows[i].against == "model" for i in kept], model, measured)
+    powers = compared.slopes[kept] * np.array([inputs[name].value for name in names]) / moved[:, None]
+    largest = dict(zip(names, np.abs(powers).max(axis=0), strict=True))
     # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
     counts = {name for name in names if name.startswith(_COUNT)}
-    typed = {name for name in names if known[name].value > 0.0 and known[name].si not in _NO_SLIP} | counts
+    typed = {name for name in names if inputs[name].value > 0.0 and inputs[name].si not in _NO_SLIP} | counts
     solid = {_MODULUS, STIFFNESS} if scene.measured_by else set()
-    certain = {name for name in names if known[name].u or name in solid} | typed
-    free = {e.name for _, alike in ranked if not certain.issuperset(o.name for o in alike) for e in alike}
-    checks: list[Check] = []
-    powers: dict[str, dict[str, float]] = {name: {} for name in names}
-    u_differences = np.sqrt(np.diagonal(compared.covariance))
-    for row, own, of_inputs in zip(compared.rows, u_differences, compared.slopes, strict=True):
-        measured, model = row.measured or 0.0, row.model or 0.0
-        if measured * model <= 0.0 or not row.u_difference:
-            continue
-        place, u = str(len(checks)), float(own) / (measured * model) ** 0.5
-        checks.append(Check(place, "", "doubtful", log_ratio=log(measured / model), u_log_ratio=u))
-        # a slope is that of what comes from the inputs: where no model is compared, of the measured value
-        moved = model if row.against == "model" else measured
-        for name, slope in zip(names, of_inputs, strict=True):
-            powers[name][place] = float(slope) * known[name].value / moved
-    largest = {name: max(map(abs, of.values()), default=0.0) for name, of in powers.items()}
-    causes = []
+    free = {name for name in names if not inputs[name].u} - typed - solid
+    best = dict(zip(names, fitted_errors(ratio, powers, covariance)[0].tolist(), strict=True))
+    found: list[tuple[float, float, float, str]] = []  # score, size of its logarithm, share, name
     for name in sorted(typed - confirmed):
-        factors = SLIPS[_SLIPS_OF.get(known[name].si, "value")]
+        factors = SLIPS[_SLIPS_OF.get(inputs[name].si, "value")]
         if name in counts:
-            factors = tuple(known[name].value / n for n in range(1, _MOST_COUNTED + 1) if n != known[name].value)
+            factors = tuple(inputs[name].value / n for n in range(1, _MOST_COUNTED + 1) if n != inputs[name].value)
         elif free:  # where another input may have any value, a check names what is out of all proportion
-            factors = tuple(k for k in factors if abs(log(k)) <= log(_DECIMAL))
-        causes.append(Cause(powers[name], str, factors, only_usual=True, bend=_BENT, setting=name))
-    if sum((check.log_ratio / check.u_log_ratio) ** 2 for check in checks) < DOUBTFUL**2:
-        return []  # rows that differ together alone are off by no such factor
-    found = [one for one in explain(checks, causes) if one.share > _MOST]
-    close = [one for one in found if one.score < found[0].score + _CLOSE]
-    least = min((abs(log(one.factor)) for one in close), default=0.0)
-    close = [one for one in close if abs(log(one.factor)) < 1.5 * least]
-    if len(close) != 1:
+            factors = tuple(k for k in factors if abs(log(k)) <= log(10.0))
+        place = min(map(log, factors), key=lambda place: abs(place - best[name]))
+        if abs(place - best[name]) > 2.0 * _BENT * abs(place):
+            continue
+        shift = place * powers[:, names.index(name)]
+        # effects leave their power law over such a factor, those of small powers by as much as others
+        bent = np.diag((_BENT * shift) ** 2 + (_BENT**2 * np.abs(shift).max()) ** 2)
+        before, left = (agreement(rest, covariance + bent).chi2 for rest in (ratio, ratio - shift))
+        if left < (1.0 - _MOST) * before:
+            vague = float(np.linalg.slogdet(covariance + bent)[1])
+            found.append((left + vague, abs(place), 1.0 - left / before, name))
+    likely = [one for one in found if one[0] < min(found)[0] + _CLOSE]
+    least = min((size for _, size, *_ in likely), default=0.0)
+    likely = [one for one in likely if one[1] < 1.5 * least]
+    if len(likely) != 1:
         return []
-    (slip,) = close
-    name, factor, of_modulus = slip.cause.setting, slip.factor, largest.get(_MODULUS, inf)
-    if name in free and largest[name] * abs(log(factor)) < of_modulus * log(_NO_GRADE):
+    ((_, size, share, name),) = likely
+    factor = exp(size if best[name] > 0.0 else -size)
+    if free & close and largest[name] * size < largest.get(_MODULUS, inf) * log(_NO_GRADE):
         return []
     right, given = (
-        f"{value:.0f}" if name in counts else quantity(value, known[name].si)
-        for value in (known[name].value / factor, known[name].value)
+        f"{value:.0f}" if name in counts else quantity(value, inputs[name].si)
+        for value in (inputs[name].value / factor, inputs[name].value)
     )
-    why = ": its diameter was typed" if "radius" in name and factor == _DIAMETER else ""
-    said = [f"{name} is probably {right}, not {given}{why}; {_share(slip.share)}"]
+    why = ": its diameter was typed" if "radius" in name and isclose(factor, 2.0) else ""
+    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}"]
     return [*said, f"or {scene.another_material}"] if _MODULUS in names else said

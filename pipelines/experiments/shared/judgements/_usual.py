@@ -52,16 +52,13 @@ _TILTED = 0.94
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
     """Compare stated uncertainties, each with its setting, with the values to which they belong."""
     for setting, value in given:
-        named = counted_from_one(setting)
+        named, share = counted_from_one(setting), value.u / abs(value.value) if value.value else 0.0
         text = f"{named} is stated as {value_with_uncertainty(value.value, value.u, value.si)}"
         text += "" if value.u else ", without ±"
-        level: Level | None = None
-        cause, share = "", value.u / abs(value.value) if value.value else 0.0
-        if share > _LARGE:
-            level, cause = "doubtful", "the uncertainty was typed in another unit or with a lost decimal"
-        elif share > _VAGUE:
-            level = "note"
-            cause = f"{named} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
+        level: Level | None = "doubtful" if share > _LARGE else "note" if share > _VAGUE else None
+        cause = f"{named} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
+        if level == "doubtful":
+            cause = "the uncertainty was typed in another unit or with a lost decimal"
         yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
 
 
@@ -107,16 +104,9 @@ def failed_steps(
             needs = "a run that gets through this step"
             found[failure.stage] = Check(name, text, "note", needs=needs, cause=_OF_RUN, is_generic=True)
             continue
-        known = _USUAL | dict(causes)
-        found[failure.stage] = stated(
-            name,
-            text,
-            "impossible",
-            cause=known.get(failure.reason) or known.get(failure.stage, ""),
-            file=failure.recording or "",
-            setting=(_SETTINGS | dict(settings)).get(failure.reason, ""),
-            is_generic=True,
-        )
+        known, place = _USUAL | dict(causes), (_SETTINGS | dict(settings)).get(failure.reason, "")
+        cause, file = known.get(failure.reason) or known.get(failure.stage, ""), failure.recording or ""
+        found[failure.stage] = Check(name, text, "impossible", cause=cause, file=file, setting=place, is_generic=True)
     return list(found.values())
 
 
@@ -180,20 +170,17 @@ def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
     """
 
     def say(factor: float) -> str:
-        right = quantity(stated_value / factor, unit)
-        given = quantity(stated_value, unit)
-        place = f" ({what})" if what else ""
+        right, given = quantity(stated_value / factor, unit), quantity(stated_value, unit)
+        said = f"{right}, not {given}"
         if right == given:
-            off, more = abs(100.0 * (1.0 / factor - 1.0)), "more" if factor < 1.0 else "less"
-            return f"{name} is probably {off:.2g} % {more} than the {given} that are stated{place}"
-        return f"{name} is probably {right}, not {given}{place}"
+            more = "more" if factor < 1.0 else "less"
+            said = f"{abs(100.0 * (1.0 / factor - 1.0)):.2g} % {more} than the {given} that are stated"
+        return f"{name} is probably {said}{f' ({what})' * bool(what)}"
 
     return say
 
 
 def line_of(header: str, *words: str) -> int | None:
-    """Return the line of a file's header that holds one of some words; None when none does."""
-    for number, text in enumerate(header.splitlines(), 1):
-        if any(word.lower() in text.lower() for word in words):
-            return number
-    return None
+    """Return the line of a file's header that holds one of some words, in small letters; None when none does."""
+    lines = enumerate(header.lower().splitlines(), 1)
+    return next((number for number, text in lines if any(word in text for word in words)), None)

@@ -44,7 +44,7 @@ def test_each_repeat_shows_on_hover_behind_a_band_of_all_and_an_outlier_is_named
     assert not mean.on_hover
     spread = 2 * repeats(3)["displacement_sd"].values * 1e3
     assert np.allclose(band.high - mean.y, spread)
-    assert "Point at the chart" in chart.caption
+    assert "point at the chart" in chart.caption
 
 
 def test_the_difference_stands_on_the_scatter_of_the_repeats_and_on_the_model_s_uncertainty() -> None:

@@ -15,7 +15,7 @@ from pipelines.rig.solids import specimen_of
 
 
 @pytest.mark.filterwarnings("ignore:.*(frames were dropped|R times wavelength):UserWarning")
-@pytest.mark.parametrize("stated", [1.01, 0.99])
+@pytest.mark.parametrize("stated", [1.01, pytest.param(0.99, marks=pytest.mark.slow)])
 def test_a_wrong_ruler_is_no_phase_of_the_light(tmp_path: Path, stated: float) -> None:
     """Another phase explains the fringes nearly as well, and held the scale: of 1 % too long, 0.74 % were missed."""
     body = Body(specimen_of("peek", 20.0), 1.5e-3, radius=9.525e-3, mass=0.505, floor=Floor())

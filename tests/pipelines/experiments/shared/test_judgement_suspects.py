@@ -70,8 +70,10 @@ def test_of_inputs_that_look_the_same_the_one_known_worst_is_named_and_no_part_o
         )
         for size in (10.0, 20.0, 30.0)
     ]
-    (said,) = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
-    assert said.startswith("DMA, specimen (or length of a tip) stated 5 % too large")
+    first, second = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
+    assert first.startswith("DMA, specimen stated 5 % too large")
+    assert second.startswith("length of a tip")
+    assert "times its stated uncertainty" in second
 
 
 def test_a_wrong_count_is_named_by_the_right_one() -> None:
@@ -205,3 +207,19 @@ def test_a_mass_is_named_whether_its_uncertainty_is_stated_or_not_and_no_size_is
             made.append(row("size", "m", 3, slopes=slopes, **values))
         told = json.loads(judgement(Scene((), rows=made, inputs=inputs)).attrs["suspects"])
         assert told[0].startswith(words) if words else not any("radius is probably" in text for text in told)
+
+
+def test_a_factor_of_ten_is_found_where_some_rows_hardly_move() -> None:
+    """Restitutions move by a thousandth for a change of 1 %, and otherwise over a factor of ten."""
+    inputs = {"mass": Quantity(0.0505, 0.0, "kg"), "radius": Quantity(9.525e-3, 0.0, "m")}
+    made = []
+    for log_ratio, u, *powers in (
+        (0.002, 1e-4, -0.001, 0.0),
+        (0.942, 9e-3, -0.407, 0.204),
+        (0.954, 9e-3, -0.406, 0.203),
+    ):
+        slopes = {name: power / given.value for (name, given), power in zip(inputs.items(), powers, strict=True)}
+        values = {"measured": (np.exp(log_ratio), u), "model": (1.0, 0.0), "difference": (np.expm1(log_ratio), u)}
+        made.append(row("size", "1", 3, slopes=slopes, **values))
+    told = json.loads(judgement(Scene((), rows=made, inputs=inputs)).attrs["suspects"])
+    assert told[0].startswith("mass is probably 505 g")
