@@ -175,6 +175,9 @@ class Kind:
     prior : Derived, optional
         Knowledge of a material before ``identify``; may take ``name`` and ``temperature``
         (degC or None), and returns a ``MaterialEvidence``.
+    film : str
+        ``"module:function"`` from the path of a film, results of stages named as its parameters (or None), and
+        ``settings`` to a :class:`pipelines.experiments.shared.film_frames.DrawnFilm`.
     material : Derived, optional
         The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
         usual), and returns a :class:`labpipe.materials.Deck`.
@@ -196,6 +199,7 @@ class Kind:
     body: str = ""
     evidence: Derived | None = None
     prior: Derived | None = None
+    film: str = ""
     material: Derived | None = None
     proposal: Proposal | None = None
 

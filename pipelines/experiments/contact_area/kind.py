@@ -60,6 +60,7 @@ KIND = Kind(
     picture=Picture("radius", "time", "radius", is_first=True),
     rows=derived("contact_area.comparison:rows", "comparison", "model"),
     budget=derived("contact_area.budget:quantities", "impacts", "radius", "model"),
+    film="pipelines.experiments.contact_area.page:film",
     body="sphere",
     evidence=derived(
         "contact_area.evidence:evidence", "radius", "impacts", "other:plate_from/plate", *solid_of("sphere")

@@ -193,8 +193,9 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     page.propose()
     before = (filmed / "session.toml").read_text("utf-8").splitlines()
     window.visit(page.address)
-    window.until("document.querySelectorAll('#file-list button').length === 1")
-    window.run("document.querySelector('#file-list button').click()")
+    measure = "[...document.querySelectorAll('#file-list button')].find(b => b.textContent === 'Measure in it')"
+    window.until(f"Boolean({measure})")
+    window.run(f"{measure}.click()")
     window.until("stage.image !== null && document.getElementById('measure-canvas').width > 100")
     window.settle()
 
