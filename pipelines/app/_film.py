@@ -1,4 +1,4 @@
-"""A film to watch in the page, frame by frame, with what its experiment found drawn on it."""
+"""A film to watch in the page, frame by frame, with the results of its experiment drawn on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def watched(folder: Path, path: Path) -> tuple[DrawnFilm, str]:
-    """Open a film with what the first experiment that has a result found in it; return the name of that, or ""."""
+    """Open a film with the results of the first experiment that has any; return its name too, or ""."""
     from pipelines.experiments.shared.film_frames import DrawnFilm, open_film
 
     try:

@@ -1,5 +1,5 @@
 "use strict";
-// A film played in the page. The server draws what was found on its frames; they are fetched as they are shown.
+// A film played in the page. The server draws results on its frames, which are fetched as they are shown.
 
 const film = { name: "", frames: 0, index: 0, isPlaying: false, made: new Map() };
 const AHEAD = 4; // frames fetched before they are shown
@@ -12,7 +12,7 @@ function drawFilm() {
   const drawn = make("input", { id: "film-drawn", type: "checkbox", checked: true });
   const slider = make("input", { id: "film-slider", type: "range", min: 0, value: 0, ariaLabel: "Frame" });
   part.append(
-    make("div", { className: "bar" }, make("label", {}, "Film ", file), make("label", {}, drawn, " with what was found"), make("span", { id: "film-of", className: "note" })),
+    make("div", { className: "bar" }, make("label", {}, "Film ", file), make("label", {}, drawn, " results drawn"), make("span", { id: "film-of", className: "note" })),
     make("img", { id: "film-image", alt: "" }), make("p", { id: "film-caption" }), slider,
     make("div", { className: "bar" }, button("Play", play), make("span", { id: "film-jumps" }), make("span", { className: "note", textContent: "Space plays, arrow keys step, with Shift by ten, Home and End" })));
   part.querySelector("button").id = "film-play";
@@ -69,7 +69,7 @@ views.film = async (name) => {
   const found = await ask(`api/film?name=${encodeURIComponent(film.name)}`);
   Object.assign(film, { frames: found.frames, made: new Map() });
   by("film-slider").max = found.frames - 1;
-  by("film-of").textContent = found.experiment ? `found by ${found.experiment}` : "no result of this film is up to date: nothing is drawn";
+  by("film-of").textContent = found.experiment ? `result of ${found.experiment}` : "no result of this film is up to date: nothing is drawn";
   by("film-jumps").replaceChildren(...Object.entries(found.jumps).map(([text, index]) => button(text, () => frame(index))));
   await frame(0);
 };

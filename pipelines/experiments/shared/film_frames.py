@@ -254,7 +254,7 @@ def drawing_of(key: xr.Dataset) -> tuple[NDArray[Any], float, float]:
 
 @dataclass(frozen=True, slots=True)
 class DrawnFilm:
-    """A film to watch, and what was found in its frames.
+    """A film to watch, and the results of its frames.
 
     ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one as :func:`key_frames` copies it, and
     its place among these, and returns picture (BGR), description, caption and place on a chart. ``jumps`` are frames
@@ -267,7 +267,7 @@ class DrawnFilm:
     jumps: Mapping[str, int] = field(default_factory=dict)
 
     def shown(self, index: int, is_drawn: bool = True) -> tuple[NDArray[np.uint8] | None, str]:
-        """Return a frame as wide as a page shows it, with what was found if wanted, and its caption.
+        """Return a frame as wide as a page shows it, with its results if wanted, and its caption.
 
         There is no picture of a frame that is damaged or excluded, or that the film does not have.
         """
