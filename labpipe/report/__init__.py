@@ -34,7 +34,6 @@ from labpipe.report._document import (
     Document as Document,
     Report as Report,
     amended as amended,
-    smaller_pictures as smaller_pictures,
 )
 from labpipe.report._style import (
     Role as Role,

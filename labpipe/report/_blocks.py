@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from labpipe.errors import InputError
-from labpipe.report._charts import LineChart, ScatterChart
+from labpipe.report._charts import LineChart
 from labpipe.report._tables import MINUS, Cell, Column, Table, number, quantity
 
 Level = Literal["ok", "info", "warning", "error"]
@@ -339,7 +339,6 @@ Block: TypeAlias = (
     | Table
     | IndexTable
     | LineChart
-    | ScatterChart
 )
 
 

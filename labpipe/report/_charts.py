@@ -149,14 +149,18 @@ class LineChart:
     vlines: Sequence[tuple[str, float]] = ()
     caption: str = ""
     height_px: int = 320
+    is_ordered: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Refuse charts that cannot be drawn."""
-        _check_chart(self)
-        import numpy as np
-
+        if not any(np_float(series.x).size for series in self.series if not series.on_hover):
+            raise InputError(
+                f'chart "{self.title}" has nothing to draw: {len(self.series)} series, all empty; '
+                "leave the chart out or say in a Notice why there are no data"
+            )
         for series in self.series:
-            if np.any(np.diff(np.asarray(series.x)) < 0):
+            x = np_float(series.x)
+            if self.is_ordered and (x[1:] < x[:-1]).any():
                 raise InputError(
                     f'chart "{self.title}": x of "{series.name}" descends; a LineChart needs '
                     "ascending x. Sort it, or use ScatterChart for loops"
@@ -164,46 +168,15 @@ class LineChart:
 
 
 @dataclass(frozen=True, eq=False)
-class ScatterChart:
+class ScatterChart(LineChart):
     """Curves and points in a plane: loops, one quantity against another.
 
-    Lines join the points in the order given, so hysteresis loops are drawn as loops.
-
-    Attributes
-    ----------
-    title, x_label, y_label, caption : str
-        As for :class:`LineChart`.
-    series : sequence of Series
-        Drawn in this order.
-    x_scale, y_scale : {"linear", "log"}
-        Kind of axes.
-    height_px : int
-        Height of the plot.
+    Lines join the points in the order given, so hysteresis loops are drawn as loops. Attributes are those of
+    :class:`LineChart`; there are no bands, views and groups.
     """
 
-    title: str
-    x_label: str
-    y_label: str
-    series: Sequence[Series]
-    x_scale: Scale = "linear"
-    y_scale: Scale = "linear"
-    caption: str = ""
     height_px: int = 420
-    group: ClassVar[str] = ""
-    views: ClassVar[tuple[tuple[str, float, float], ...]] = ()
-    vlines: ClassVar[tuple[tuple[str, float], ...]] = ()
-
-    def __post_init__(self) -> None:
-        """Refuse charts that cannot be drawn."""
-        _check_chart(self)
-
-
-def _check_chart(chart: LineChart | ScatterChart) -> None:
-    if not any(np_float(series.x).size for series in chart.series if not series.on_hover):
-        raise InputError(
-            f'chart "{chart.title}" has nothing to draw: {len(chart.series)} series, all empty; '
-            "leave the chart out or say in a Notice why there are no data"
-        )
+    is_ordered: ClassVar[bool] = False
 
 
 def np_float(values: "ArrayLike") -> "Floats":

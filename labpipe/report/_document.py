@@ -12,25 +12,15 @@ import re
 import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
-from labpipe.report._blocks import (
-    Block,
-    Details,
-    Deviations,
-    Gallery,
-    IndexTable,
-    Notice,
-    Picture,
-    Section,
-    data_address,
-)
-from labpipe.report._charts import LineChart, ScatterChart
+from labpipe.report._blocks import Block, Details, Deviations, IndexTable, Notice, Section, data_address
+from labpipe.report._charts import LineChart
 from labpipe.report._tables import HeadingView, Table, clean, table_view
 
 if TYPE_CHECKING:
@@ -43,8 +33,6 @@ _STYLES = ("uplot.min.css", "page.css")
 MAX_PAGE_BYTES = 3_000_000
 # More than this for one chart is finer than any screen, and slow to decode on a phone; the least keeps its whole range.
 _MAX_CHART_BYTES, _MIN_CHART_BYTES = 600_000, 24_000
-_QUALITIES = (90, 80, 65)
-"""JPEG qualities, tried in turn; at 90 no loss is seen, at 65 edges begin to show it."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +69,7 @@ class Document:
         Parameters
         ----------
         max_bytes : int
-            Size that the page should keep to. Pictures that are too large for it become JPEG, and
-            the charts share the remaining bytes.
+            Size that the page should keep to: the charts share what pictures and texts leave.
 
         Warns
         -----
@@ -92,28 +79,24 @@ class Document:
         from labpipe.report._packing import pack, thin
         from labpipe.report._pictures import static_picture
 
-        charts = list(_found(self.sections, (LineChart, ScatterChart)))
+        charts = list(_charts(self.sections))
         thinned = [thin(chart, _MAX_CHART_BYTES) for chart in charts]
         stills = [data_address(static_picture(one)) for one in thinned]
         islands: list[dict[str, Any]] = [{} for _ in charts]
 
-        def written(sections: Sequence[Section]) -> str:
+        def written() -> str:
             parts = iter(zip(charts, thinned, stills, islands, range(1, len(charts) + 1), strict=True))
             shown = [
                 {"title": s.title, "anchor": anchor, "blocks": [_shown(block, parts) for block in s.blocks]}
-                for s, anchor in zip(sections, _anchors(sections), strict=True)
+                for s, anchor in zip(self.sections, _anchors(self.sections), strict=True)
             ]
             return assemble(self.title, fill("document", page=self, sections=shown), self.badge)
 
-        sections, least = self.sections, len(charts) * _MIN_CHART_BYTES
-        room = max_bytes - len(written(sections).encode())
-        if room < least:
-            sections = _with_jpeg(sections, least - room)
-            room = max_bytes - len(written(sections).encode())
+        room = max_bytes - len(written().encode())
         for place, allowed in enumerate(_shares(charts, room)):
             thinned[place] = thin(charts[place], allowed)
             islands[place] = clean_all(pack(thinned[place]))
-        page = written(sections)
+        page = written()
         if (size := len(page.encode())) > max_bytes:
             warnings.warn(
                 f'page "{self.title}" takes {size} bytes, more than {max_bytes}; show fewer or smaller pictures',
@@ -123,18 +106,16 @@ class Document:
         return page
 
 
-def _found(blocks: Iterable[Any], kinds: tuple[type, ...]) -> Iterator[Any]:
-    """Yield all blocks of some kinds in reading order, in sections, folds and galleries too."""
+def _charts(blocks: Iterable[Any]) -> Iterator[LineChart]:
+    """Yield all charts in reading order, in sections and folds too."""
     for block in blocks:
-        if isinstance(block, kinds):
+        if isinstance(block, LineChart):
             yield block
         elif isinstance(block, Section | Details):
-            yield from _found(block.blocks, kinds)
-        elif isinstance(block, Gallery):
-            yield from _found(block.frames, kinds)
+            yield from _charts(block.blocks)
 
 
-def _shares(charts: "Sequence[LineChart | ScatterChart]", room: int) -> list[int]:
+def _shares(charts: "Sequence[LineChart]", room: int) -> list[int]:
     """Share bytes out: a chart that needs less than an equal share leaves the rest to the others."""
     from labpipe.report._packing import wanted_bytes
 
@@ -153,7 +134,7 @@ def _shown(block: Any, charts: Iterator[Any]) -> "Markup":
     """Turn one block into HTML by its macro; charts are taken in reading order."""
     more: dict[str, Any] = {}
     match block:
-        case LineChart() | ScatterChart():
+        case LineChart():
             _, thinned, still, island, number = next(charts)
             views = [name for name, _, _ in block.views]
             alt = f"{block.title}: {block.y_label} against {block.x_label}; {', '.join(s.name for s in block.series)}"
@@ -223,58 +204,6 @@ def _anchors(sections: Sequence[Section]) -> list[str]:
             name = f"{stem}-{count}"
         taken.append(name)
     return taken
-
-
-def smaller_pictures(pictures: Sequence[Picture], most: int) -> list[Picture]:
-    """Return PNG pictures as JPEG where they take more than ``most`` bytes: noise is expensive in lossless formats.
-
-    The quality is the best in which all keep to it, if any. Pictures that JPEG does not make smaller, and those with
-    transparency, stay as they are.
-    """
-    made = list(pictures)
-    for quality in _QUALITIES:
-        if sum(len(picture.address) for picture in made) <= most:
-            break
-        made = [_as_jpeg(picture, quality) for picture in pictures]
-    return made
-
-
-def _with_jpeg(sections: Sequence[Section], excess: int) -> tuple[Section, ...]:
-    """Return sections with smaller pictures, which save ``excess`` bytes if they can."""
-    pictures: list[Picture] = list(_found(sections, (Picture,)))
-    smaller = smaller_pictures(pictures, sum(len(picture.address) for picture in pictures) - excess)
-    made = {id(picture): other for picture, other in zip(pictures, smaller, strict=True)}
-
-    def changed(block: Any) -> Any:
-        if isinstance(block, Picture):
-            return made[id(block)]
-        if isinstance(block, Gallery):
-            return replace(block, frames=tuple(map(changed, block.frames)))
-        return (
-            replace(block, blocks=tuple(map(changed, block.blocks))) if isinstance(block, Section | Details) else block
-        )
-
-    return tuple(map(changed, sections))
-
-
-def _as_jpeg(picture: Picture, quality: int) -> Picture:
-    import cv2
-    import numpy as np
-
-    image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    is_png = picture.address.startswith("data:image/png")
-    if (
-        not is_png
-        or image is None
-        or image.dtype != np.uint8
-        or (image.ndim == 3 and image[..., 3:].min(initial=255) < 255)
-    ):
-        return picture
-    # Half the colour resolution would blur a thin coloured circle.
-    sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling]
-    data = cv2.imencode(".jpg", image[..., :3] if image.ndim == 3 else image, options)[1].tobytes()
-    return replace(picture, data=data) if len(data) < len(picture.data) else picture
 
 
 # --- HTML ---------------------------------------------------------------------------------------

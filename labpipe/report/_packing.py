@@ -8,22 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labpipe.report._charts import Band, LineChart, ScatterChart, Series, np_float
+from labpipe.report._charts import Band, LineChart, Series, np_float
 from labpipe.report._style import LineLook, level_look, looks
 from labpipe.report._thinning import kept_samples
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from labpipe.arrays import Floats
-
-    Indices = NDArray[np.intp]
 
 # A float32 resolves 6e-8 of its size. Where the curve is a small ripple on a large offset, the
 # offset is taken out first, so that the ripple keeps its digits.
 _OFFSET_RATIO = 100.0
-# Steps of a uniform axis may differ by this fraction of a step: rounding of the time stamps.
-_UNIFORM_TOLERANCE = 1e-6
 _BASE64_GROWTH = 4 / 3
 _BYTES_PER_SAMPLE = 4
 # The window is a little wider than the points, so that no marker sits on the frame.
@@ -34,14 +28,13 @@ _MARGIN = 0.02
 class Drawn:
     """The part of one series that is drawn: after thinning, with values that an axis cannot show as gaps.
 
-    ``source``: where it comes from; ``x`` (m,): positions; ``index`` (m,): which samples these are; None when all are
-    kept; ``curves`` (m,): ``(y,)``, ``(y, u)`` or ``(low, high)``; ``look``: colour, dashes, marker; ``is_marked``:
-    draw markers along the line: other lines of the chart differ from it in colour only.
+    ``source``: where it comes from; ``x`` (m,): positions; ``curves`` (m,): ``(y,)``, ``(y, u)`` or ``(low, high)``;
+    ``look``: colour, dashes, marker; ``is_marked``: draw markers along the line: other lines of the chart differ from
+    it in colour only.
     """
 
     source: Series | Band
     x: "Floats"
-    index: "Indices | None"
     curves: "tuple[Floats, ...]"
     look: LineLook
     is_marked: bool
@@ -55,22 +48,22 @@ class ThinnedChart:
     for the caption on samples that were thinned out or cannot be shown.
     """
 
-    chart: LineChart | ScatterChart
+    chart: LineChart
     series: tuple[Drawn, ...]
     x_range: tuple[float, float]
     notes: tuple[str, ...]
 
 
-def wanted_bytes(chart: LineChart | ScatterChart) -> int:
+def wanted_bytes(chart: LineChart) -> int:
     """Return the bytes that a chart takes in the page when no sample is left out."""
     words = sum(np_float(s.x).size * len(s.curves) for s in chart.series)
     axes = [np_float(series.x) for series in chart.series]
-    # Positions take two words where they are not uniform; every common axis is stored once.
+    # Positions take two words; every common axis is stored once.
     words += sum(2 * axes[members[0]].size for members in _shared_axes(axes))
     return int(words * _BYTES_PER_SAMPLE * _BASE64_GROWTH) + 1
 
 
-def thin(chart: LineChart | ScatterChart, max_bytes: int) -> ThinnedChart:
+def thin(chart: LineChart, max_bytes: int) -> ThinnedChart:
     """Choose the samples of a chart that fit into the given bytes.
 
     Series that share their `x` keep the same samples, so that `x` is stored once.
@@ -94,16 +87,15 @@ def thin(chart: LineChart | ScatterChart, max_bytes: int) -> ThinnedChart:
         x = samples[members[0]][0]
         curves = [curve for m in members for curve in samples[m][1]]
         # A loop has extremes in both directions; they are sought along its course.
-        along = x if isinstance(chart, LineChart) else np.arange(x.size, dtype=np.float64)
-        sought = curves if isinstance(chart, LineChart) else [*curves, x]
+        along = x if chart.is_ordered else np.arange(x.size, dtype=np.float64)
+        sought = curves if chart.is_ordered else [*curves, x]
         kept = kept_samples(along, sought, max(int(x.size * fraction), 64), windows)
-        is_whole = kept.size == x.size
         n_all += x.size
         n_kept += kept.size
         for m in members:
             series = ordered[m]
-            found_samples, places = tuple(curve[kept] for curve in samples[m][1]), None if is_whole else kept
-            drawn[m] = Drawn(series, x[kept], places, found_samples, found[id(series)], _is_marked(chart, series))
+            values = tuple(curve[kept] for curve in samples[m][1])
+            drawn[m] = Drawn(series, x[kept], values, found[id(series)], _is_marked(chart, series))
     notes = _notes(chart, n_all, n_kept)
     kept_series = tuple(drawn[m] for m in range(len(ordered)))
     return ThinnedChart(chart, kept_series, _x_range(chart, kept_series), notes)
@@ -115,7 +107,7 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
     axes = _shared_axes([d.x for d in thinned.series])
     axis_of = {m: place for place, members in enumerate(axes) for m in members}
     return {
-        "kind": "plane" if isinstance(chart, ScatterChart) else "line",
+        "kind": "plane" if not chart.is_ordered else "line",
         "title": chart.title,
         "xLabel": chart.x_label,
         "yLabel": chart.y_label,
@@ -126,7 +118,7 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
         "group": chart.group,
         "views": [[a, b] for _, a, b in chart.views],
         "lines": [[n, x] for n, x in chart.vlines],
-        "axes": [_packed_axis(thinned.series[members[0]]) for members in axes],
+        "axes": [_base64(thinned.series[members[0]].x, "<f8") for members in axes],
         "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
     }
 
@@ -144,18 +136,18 @@ def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
     return found
 
 
-def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
+def _is_marked(chart: LineChart, series: Series | Band) -> bool:
     """Return whether a line needs markers to be distinguished from its neighbours in grey print."""
     if series.level is not None:
         return series.style != "points"
     curves = [s for s in chart.series if s.style != "band" and s.level is None]
     # Points carry markers already, and markers along lines would hide them.
-    if isinstance(chart, ScatterChart) or any(s.style == "points" for s in curves):
+    if not chart.is_ordered or any(s.style == "points" for s in curves):
         return False
     return series in curves and series.role not in {None, "repeat"} and sum(s.role == series.role for s in curves) > 1
 
 
-def _showable(chart: LineChart | ScatterChart, series: Series | Band) -> "tuple[Floats, tuple[Floats, ...]]":
+def _showable(chart: LineChart, series: Series | Band) -> "tuple[Floats, tuple[Floats, ...]]":
     """Return x and curves with everything that a logarithmic axis cannot show as gaps."""
     x, curves = np_float(series.x), series.curves
     if chart.x_scale == "log":
@@ -175,7 +167,7 @@ def _shared_axes(axes: "Sequence[Floats]") -> list[list[int]]:
     return list(groups.values())
 
 
-def _notes(chart: LineChart | ScatterChart, n_all: int, n_kept: int) -> tuple[str, ...]:
+def _notes(chart: LineChart, n_all: int, n_kept: int) -> tuple[str, ...]:
     notes = []
     if n_kept < n_all:
         where = "Outside the named windows the" if chart.views else "The"
@@ -196,13 +188,13 @@ def _notes(chart: LineChart | ScatterChart, n_all: int, n_kept: int) -> tuple[st
     return tuple(notes)
 
 
-def _x_range(chart: LineChart | ScatterChart, series: tuple[Drawn, ...]) -> tuple[float, float]:
+def _x_range(chart: LineChart, series: tuple[Drawn, ...]) -> tuple[float, float]:
     filled = [d.x for d in series if d.x.size]
     if not filled:
         return (1.0, 10.0)
     low, high = min(float(x.min()) for x in filled), max(float(x.max()) for x in filled)
     has_points = any(d.source.style == "points" for d in series)
-    return padded_range(low, high, chart.x_scale, _MARGIN if has_points or isinstance(chart, ScatterChart) else 0.0)
+    return padded_range(low, high, chart.x_scale, _MARGIN if has_points or not chart.is_ordered else 0.0)
 
 
 def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[float, float]:
@@ -215,22 +207,6 @@ def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[fl
         return (low - half, high + half)
     width = (high - low) * margin
     return (low - width, high + width)
-
-
-def _packed_axis(drawn: Drawn) -> dict[str, Any]:
-    """Store positions as start and step where they are uniform, as 64-bit numbers elsewhere."""
-    whole = np_float(drawn.source.x)
-    index = np.arange(whole.size) if drawn.index is None else drawn.index
-    # On a logarithmic axis samples may have been dropped; then indices do not fit the source.
-    if whole.size >= 3 and index.size == drawn.x.size and (whole[index] == drawn.x).all():
-        step = (whole[-1] - whole[0]) / (whole.size - 1)
-        expected = whole[0] + step * np.arange(whole.size)
-        if step > 0 and float(np.abs(whole - expected).max()) <= _UNIFORM_TOLERANCE * step:
-            uniform = {"start": float(whole[0]), "step": float(step)}
-            if drawn.index is None:
-                return uniform | {"count": int(whole.size)}
-            return uniform | {"index": _base64(index.astype("<i4"))}
-    return {"values": _base64(drawn.x.astype("<f8"))}
 
 
 def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
@@ -254,19 +230,16 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
 
 
 def _packed_curve(curve: "Floats") -> dict[str, Any]:
+    """Store values as 32-bit numbers: ``offset + scale * data``."""
     finite = curve[np.isfinite(curve)]
-    offset = 0.0
+    offset = low = high = 0.0
     if finite.size:
         low, high = float(finite.min()), float(finite.max())
         middle = low + (high - low) / 2
-        if abs(middle) > _OFFSET_RATIO * (high - low) / 2:
-            offset = middle
-    largest = float(np.abs(finite - offset).max()) if finite.size else 0.0
-    # float32 ends at 3e38 and loses digits below 1e-38; outside, the full width is kept.
-    if largest and not 1e-30 < largest < 1e38:
-        return {"offset": offset, "wide": _base64((curve - offset).astype("<f8"))}
-    return {"offset": offset, "data": _base64((curve - offset).astype("<f4"))}
+        offset = middle if abs(middle) > _OFFSET_RATIO * (high - low) / 2 else 0.0
+    scale = max(abs(low - offset), abs(high - offset)) or 1.0  # float32 ends at 3e38 and loses digits below 1e-38
+    return {"offset": offset, "scale": scale, "data": _base64((curve - offset) / scale, "<f4")}
 
 
-def _base64(array: "NDArray[Any]") -> str:
-    return base64.b64encode(array.tobytes()).decode("ascii")
+def _base64(array: "Floats", form: str) -> str:
+    return base64.b64encode(array.astype(form).tobytes()).decode("ascii")

@@ -12,7 +12,7 @@ from html import escape
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.report._charts import LineChart, ScatterChart
+from labpipe.report._charts import LineChart
 from labpipe.report._packing import Drawn, ThinnedChart, padded_range, thin
 from labpipe.report._style import COLUMN_WIDTHS_MM, LineLook
 from labpipe.report._tables import MINUS, clean, power_of_ten
@@ -60,7 +60,7 @@ def static_picture(thinned: ThinnedChart) -> bytes:
     return paper.svg()
 
 
-def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
+def thumbnail(chart: LineChart, width_px: int = 240) -> bytes:
     """Draw a chart without axes as a small SVG file, twice as wide as high, for an index page."""
     thinned = thin(chart, max_bytes=100_000)
     paper = _Paper(UNITS * width_px, UNITS * width_px // 2)
@@ -146,7 +146,7 @@ def _cut(
     for drawn in thinned.series:
         x, values = drawn.x, drawn.curves
         along = np.arange(x.size, dtype=float)
-        if isinstance(chart, LineChart):
+        if chart.is_ordered:
             first = max(int(np.searchsorted(x, window[0], "left")) - 1, 0)
             inside = slice(first, int(np.searchsorted(x, window[1], "right")) + 1)
             x, values = x[inside], tuple(curve[inside] for curve in values)

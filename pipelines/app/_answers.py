@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -14,16 +15,21 @@ from starlette.routing import Route
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below, safe_join
+from labpipe.report import Picture
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _history as history, _measuring as measuring, _setup as setup
+from pipelines.app._film import watched
 from pipelines.app._outlook import outlook
-from pipelines.app._pictures import Pictures
+from pipelines.app._pictures import small_picture
 from pipelines.app._runs import Runs
 from pipelines.session import Surveyed, draft
 
+if TYPE_CHECKING:
+    from pipelines.experiments.shared.film_frames import DrawnFilm
+
 _ASSETS = Path(__file__).parent / "assets"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
-_NAMES = ("app.js", "setup.js", "measure.js", "app.css")
+_NAMES = ("app.js", "setup.js", "measure.js", "film.js", "app.css")
 Told = dict[str, Any]
 
 
@@ -33,7 +39,8 @@ class Answers:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.runs = Runs(folder)
-        self.pictures = Pictures()
+        self._films: dict[Path, tuple[DrawnFilm, str]] = {}
+        self._watching = threading.Lock()
         self._writing = threading.Lock()
         self._surveyed: tuple[object, list[Surveyed]] = (None, [])
         self._drafted: tuple[object, dict[str, str]] = (None, {})
@@ -52,6 +59,7 @@ class Answers:
             "/api/run": lambda request: self.runs.state(_number(request, "after")),
         }
         tells["/api/image"] = lambda request: {"frames": self._image(request).frames}
+        tells["/api/film"] = self._film
         tells["/api/session"] = lambda request: self.session()
         tells["/api/plan"] = lambda request: self.outlook()
         posts: dict[str, Callable[[Told], Told]] = {
@@ -101,10 +109,25 @@ class Answers:
 
     def _picture(self, request: Request) -> Response:
         path = self.path(request.query_params.get("name"))
-        return Response(self.pictures.of(path), media_type="image/png")
+        return Response(small_picture(path), media_type="image/png")
 
     def _image(self, request: Request) -> measuring.Picture:
         return measuring.picture(self.path(request.query_params.get("name")), _number(request, "index"))
+
+    def _film(self, request: Request) -> Told:
+        """Open a film with the results as they are now; with an ``index``, return that frame of it."""
+        from pipelines.experiments.shared.film_frames import jpeg
+
+        path, asked = self.path(request.query_params.get("name")), request.query_params
+        # warnings of a film are shown where it is inspected or processed
+        with self._watching, warnings.catch_warnings(action="ignore"):
+            if "index" not in asked or path not in self._films:
+                self._films[path] = watched(self.folder, path)
+            film, experiment = self._films[path]
+            if "index" not in asked:
+                return {"frames": len(film.source), "jumps": dict(film.jumps), "experiment": experiment}
+            image, caption = film.shown(_number(request, "index"), asked.get("drawn") != "0")
+            return {"image": "" if image is None else Picture(jpeg(image), caption).address, "caption": caption}
 
     def length(self, asked: Told) -> Told:
         """Measure between two clicks in a picture or a frame."""

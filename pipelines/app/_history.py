@@ -32,7 +32,7 @@ def in_words(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
     """Say in a sentence each which files, experiments and values come, go, or change."""
     said = []
     for name in dict.fromkeys((*new, *old)):
-        before, after = (_tree(texts.get(name, "")) for texts in (old, new))
+        before, after = (tree_of(texts.get(name, "")) for texts in (old, new))
         experiments = [tree.pop(EXPERIMENTS, {}) for tree in (before, after)]
         if name not in new or name not in old:
             said.append(f"{name} is {'new' if name in new else 'removed'}")
@@ -81,7 +81,8 @@ def _shown(value: Any) -> str:
     return "–" if value is None else inline(value) if isinstance(value, list) else str(value)
 
 
-def _tree(text: str) -> dict[str, Any]:
+def tree_of(text: str) -> dict[str, Any]:
+    """Return what a file of TOML holds; nothing where it is damaged, which is shown where it is checked."""
     try:
         return tomllib.loads(text.replace("\r\n", "\n"))
     except (ValueError, RecursionError):

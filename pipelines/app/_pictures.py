@@ -4,7 +4,7 @@ import io
 import tempfile
 import threading
 import warnings
-from collections import OrderedDict
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,37 +17,27 @@ _WIDTH = 480
 _LARGEST = 200_000_000
 """Bytes of a file that is read for a picture, unless it is a film, of which only frames are read."""
 _MOST_PIXELS = 120_000_000
-_KEPT = 400
+_MAKING = threading.Lock()
 PHOTOGRAPHS = {".jpg", ".jpeg", ".png", ".bmp"}
 _FILMS = {".cine", ".avi", ".tif", ".tiff"}
 
 
-class Pictures:
-    """Makes pictures one at a time and keeps those of files that have not changed."""
+def small_picture(path: Path) -> bytes:
+    """Return a PNG of a file; pictures are made one at a time, and those of files that have not changed are kept.
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[str, int, int], bytes] = OrderedDict()
-
-    def of(self, path: Path) -> bytes:
-        """Return a PNG of a file.
-
-        Raises
-        ------
-        LabpipeError
-            The file holds nothing to draw, or is too large to be read for it.
-        """
-        status = path.stat()
-        key = (str(path), status.st_size, status.st_mtime_ns)
-        with self._lock:
-            if key not in self._kept:
-                self._kept[key] = _picture(path, status.st_size)
-                while len(self._kept) > _KEPT:
-                    self._kept.popitem(last=False)
-            return self._kept[key]
+    Raises
+    ------
+    LabpipeError
+        The file holds nothing to draw, or is too large to be read for it.
+    """
+    status = path.stat()
+    with _MAKING:
+        return _picture(path, status.st_size, status.st_mtime_ns)
 
 
-def _picture(path: Path, size: int) -> bytes:
+@lru_cache(400)
+def _picture(path: Path, size: int, modified: int) -> bytes:
+    del modified
     if size > _LARGEST and path.suffix.lower() not in _FILMS:
         raise InputError(f"{path.name} is too large for a small picture")
     if path.suffix.lower() in PHOTOGRAPHS:

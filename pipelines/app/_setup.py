@@ -26,6 +26,7 @@ from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits, _history as history
+from pipelines.app._history import tree_of
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
@@ -141,7 +142,7 @@ def _restructure(folder: Path, texts: dict[str, str], edit: Any) -> None:
     elif op == "add":
         text = edits.add(text, name, str(edit["key"]), [str(file) for file in edit["names"]])
     elif op == "note":
-        notes = [*_tree(text)[edits.EXPERIMENTS][name].get("notes", [])]
+        notes = [*tree_of(text)[edits.EXPERIMENTS][name].get("notes", [])]
         said = {key: _one_line(key, edit[key]) for key in ("who", "text")}
         notes.append({"on": datetime.now().astimezone().date(), **said})
         text = edits.set_value(text, (edits.EXPERIMENTS, name, "notes"), notes)
@@ -156,25 +157,25 @@ def _restructure(folder: Path, texts: dict[str, str], edit: Any) -> None:
 
 def _of_kind(texts: Mapping[str, str], name: str, to: str) -> str:
     """Write an experiment as one of another kind: its recordings and all values that both kinds have are kept."""
-    ((template,), _), old = template_of([to]), _tree(texts[FILE_NAME])[edits.EXPERIMENTS][name]
+    ((template,), _), old = template_of([to]), tree_of(texts[FILE_NAME])[edits.EXPERIMENTS][name]
     lines = "\n".join(line for line in template.splitlines() if not line.startswith("# "))
     had = {place: value for place, _, value in edits.values(SETTINGS[old["kind"]], old, ()) if GAP not in str(value)}
     changes = []
-    for place, of, before in list(edits.values(SETTINGS[to], _tree(lines)[edits.EXPERIMENTS][to], ())):
+    for place, of, before in list(edits.values(SETTINGS[to], tree_of(lines)[edits.EXPERIMENTS][to], ())):
         key = place[-1]
         value = had.get(place)
         if value is None and before is not None:  # at the top in one kind, in a table of each drop in another
             value = next((v for at, v in had.items() if at[-1] == key and 1 in (len(at), len(place))), None)
         if key == "camera":  # of the view that the new kind is seen in
             view = _default(SETTINGS[to], "view")
-            value = next((n for n, text in texts.items() if n != FILE_NAME and _tree(text).get("view") == view), None)
+            value = next((n for n, text in texts.items() if n != FILE_NAME and tree_of(text).get("view") == view), None)
         if value is None or key in ("kind", "view"):
             continue
         is_list = typing.get_origin(split(bare_type(of))[0]) in (list, tuple)
         if is_list != isinstance(value, list):
             value = [value] if is_list else value[0]
         changes.append(((edits.EXPERIMENTS, to, *place), value))
-    own = {f.encode_name for f in msgspec.structs.fields(SETTINGS[to])} - set(_tree(lines)[edits.EXPERIMENTS][to])
+    own = {f.encode_name for f in msgspec.structs.fields(SETTINGS[to])} - set(tree_of(lines)[edits.EXPERIMENTS][to])
     lists = ((key, value) for key, value in old.items() if key in own and isinstance(value, list))  # such as notes
     changes += [((edits.EXPERIMENTS, to, key), value) for key, value in lists]
     tables = edits.set_values(lines, changes)
@@ -188,7 +189,7 @@ def _default(kind: type[msgspec.Struct], key: str) -> Any:
 
 def _new_record(folder: Path, texts: dict[str, str], kind: str, view: str, names: list[str]) -> None:
     """Add a calibration record that is to be filled in, and name it in experiments."""
-    tree = _tree(texts[FILE_NAME])[edits.EXPERIMENTS]
+    tree = tree_of(texts[FILE_NAME])[edits.EXPERIMENTS]
     recordings = [text for name in names for text in nodes(tree[name]) if isinstance(text, str)]
     taken = [name for name in recordings if name.rpartition(".")[2] != "toml" and safe_join(folder, name).exists()]
     for name in names:
@@ -210,7 +211,7 @@ def _as_value(kind: Any, typed: str, before: Any) -> Any:
 
 
 def _at(text: str, place: edits.Place) -> Any:
-    node: Any = _tree(text)
+    node: Any = tree_of(text)
     try:
         for key in place:
             node = node[key]
@@ -221,7 +222,7 @@ def _at(text: str, place: edits.Place) -> Any:
 
 def _type_at(text: str, name: str, place: edits.Place) -> tuple[Any, bool]:
     """Return the type of a field, and whether it must be there."""
-    tree = _tree(text)
+    tree = tree_of(text)
     if name == FILE_NAME:
         if place[:1] == ("session",) and place[1:] in (("title",), ("operator",), ("notes",)):
             return str, False
@@ -249,23 +250,14 @@ def _is_required(kind: Any, path: edits.Place) -> bool:
     return True
 
 
-def _tree(text: str) -> dict[str, Any]:
-    import tomllib
-
-    try:
-        return tomllib.loads(text.replace("\r\n", "\n"))
-    except (ValueError, RecursionError):
-        return {}
-
-
 # --- what the page shows -------------------------------------------------------------------------
 
 
 def state(folder: Path, texts: Mapping[str, str]) -> Told:
     """Return the set-up as texts give it: experiments, records, with their errors and missing values."""
     problems, waiting = _problems(folder, texts)
-    tree = _tree(texts[FILE_NAME])
-    records = {name: _tree(text) for name, text in texts.items() if name != FILE_NAME}
+    tree = tree_of(texts[FILE_NAME])
+    records = {name: tree_of(text) for name, text in texts.items() if name != FILE_NAME}
     tables = tree.get(edits.EXPERIMENTS, {})
     tables = tables if isinstance(tables, dict) else {}
     experiments, remarks = [], edits.remarks(texts[FILE_NAME])
@@ -442,7 +434,7 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
     told = list(filter(counts, told))
     told = [line for line in told if line.startswith(f"{FILE_NAME}:")]  # records are told by themselves
     for name, text in texts.items():
-        kind = RECORDS.get(str(_tree(text).get("kind"))) if name != FILE_NAME else None
+        kind = RECORDS.get(str(tree_of(text).get("kind"))) if name != FILE_NAME else None
         if kind is not None:
             told += [f"{name}:{line.partition(':')[2]}" for line in _record_problems(folder / name, kind, text)]
     problems: dict[tuple[str, ...], Told] = {}

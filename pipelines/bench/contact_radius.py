@@ -6,7 +6,7 @@ the fit works is not used. The bound is that of the same pixels with the same un
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -18,7 +18,6 @@ from scipy.ndimage import gaussian_filter
 
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
-from labpipe.imaging.fringes import fit_circle
 from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, race
 
 Film = NDArray[np.uint8]
@@ -69,7 +68,7 @@ def run(quick: bool) -> list[Suite]:
         scene = replace(scene, rows=240, columns=320, radius=200e-6, centre=(158.3, 121.2))
     frames, repeats = (8, 2) if quick else (24, 5)
     film = make_film(scene, frames, 1)
-    contenders = _contenders(film, scene, is_quick=quick)
+    contenders = _contenders(film, scene)
     bounds = {count: cramer_rao(scene, count) for count in (1.0, 3.0)}
 
     def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
@@ -102,73 +101,33 @@ def run(quick: bool) -> list[Suite]:
 _PEER = "edge of the spot"
 
 
-def _contenders(film: Film, scene: Scene, *, is_quick: bool) -> Calls:
+def _contenders(film: Film, scene: Scene) -> Calls:
     fit = partial(_fitted, film, scene)
-    found: dict[str, tuple[str, Callable[[], object]]] = {
+    return {
         "1 fringe": (OURS, partial(fit, fringes=1.0)),
         _DEFAULT: (OURS, fit),
         "5 fringes": (OURS, partial(fit, fringes=5.0)),
         "10 fringes": (OURS, partial(fit, fringes=10.0)),
         "3 fringes, free ellipse": (OURS, partial(fit, shape="ellipse")),
-        "Otsu's threshold, circle of equal area": (_PEER, partial(_each, film, scene, area_radius)),
-        "Otsu's threshold, Taubin's circle": (_PEER, partial(_each, film, scene, outline_radius)),
+        "Otsu's threshold, circle of equal area": (_PEER, lambda: np.array([*map(area_radius, film)]) * scene.pixel),
     }
-    if not is_quick:
-        found["Hough transform (OpenCV)"] = (_PEER, partial(_each, film, scene, hough_radius))
-    return found
 
 
 def _fitted(film: Film, scene: Scene, **options: Any) -> Floats:
     return np.asarray(contact_radius(film, scene.pixel, scene.sphere, scene.wavelength, **options)["radius"].values)
 
 
-def _each(film: Film, scene: Scene, method: Callable[[Film], float]) -> Floats:
-    return np.array([method(image) for image in film]) * scene.pixel
-
-
 def area_radius(image: Film) -> float:
     """Radius (px) of the circle that has the area of the dark spot."""
-    largest = _largest_spot(image)
-    return math.nan if largest is None else math.sqrt(cv2.contourArea(largest) / math.pi)
-
-
-def outline_radius(image: Film) -> float:
-    """Radius (px) of the circle through the outline of the dark spot, off the frame's border."""
-    largest = _largest_spot(image)
-    if largest is None:
-        return math.nan
-    points = largest[:, 0].astype(float)
-    rows, columns = image.shape
-    inside = (points > 1).all(axis=1) & (points < (columns - 2, rows - 2)).all(axis=1)
-    return fit_circle(points[inside])[2] if inside.sum() > 8 else math.nan
-
-
-def _largest_spot(image: Film) -> NDArray[np.int32] | None:
     smooth = cv2.GaussianBlur(image, (5, 5), 1.2)
     _, mask = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     if count < 2:
-        return None
+        return math.nan
     # By pixels, not by the area within: dark rings enclose the spot.
     label = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    spot = (labels == label).astype(np.uint8)
-    contours, _ = cv2.findContours(spot, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return np.asarray(max(contours, key=cv2.contourArea), np.int32)
-
-
-def hough_radius(image: Film) -> float:
-    """Radius (px) of the strongest circle of OpenCV's Hough transform."""
-    found = cv2.HoughCircles(
-        cv2.GaussianBlur(image, (5, 5), 1.2),
-        cv2.HOUGH_GRADIENT,
-        2.0,
-        float(image.shape[0]),
-        param1=80.0,
-        param2=40.0,
-        minRadius=20,
-        maxRadius=2 * image.shape[0],
-    )
-    return math.nan if found is None else float(found[0, 0, 2])
+    contours, _ = cv2.findContours((labels == label).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return math.sqrt(max(map(cv2.contourArea, contours)) / math.pi)
 
 
 def _static(scene: Scene) -> list[Point]:

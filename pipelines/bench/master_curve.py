@@ -1,20 +1,16 @@
 """Time–temperature superposition: error of the shifts against run time, on two known materials.
 
-The sweeps are computed without any formula of the analysis. Peers: pyvisco, mastercurves, and the procedure of
-RepTate, which has no interface without windows and is written out here.
+The sweeps are computed without any formula of the analysis. Peer: the procedure of RepTate, which has no interface
+without windows and is written out here.
 """
 
-import contextlib
-import importlib
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from scipy.optimize import minimize
 
@@ -22,7 +18,6 @@ from labpipe.arrays import Complexes, Floats
 from labpipe.materials import MasterCurve, master_curve
 from pipelines.bench.measure import Extra, Suite, Timing, race
 
-PEERS = ("pyvisco", "mastercurves")
 _PROCEDURE = "RepTate's procedure"
 _DEFAULT = "free shifts"
 _SURE = 1.96
@@ -46,7 +41,8 @@ def _compared(name: str, truth: "Truth", quick: bool) -> Suite:
     methods: dict[str, tuple[str, Callable[[Measured], Any]]] = {
         label: ("", partial(_ours, **options)) for label, options in settings.items()
     }
-    methods |= {} if quick else peers()
+    for label, is_vertical in () if quick else (("horizontal", False), ("horizontal and vertical", True)):
+        methods[f"{_PROCEDURE}, {label}"] = _PROCEDURE, partial(pairwise_shifts, is_vertical=is_vertical)
     calls = {label: (group, partial(method, sets[0])) for label, (group, method) in methods.items()}
 
     def judge(label: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
@@ -63,8 +59,7 @@ def _compared(name: str, truth: "Truth", quick: bool) -> Suite:
 
     points = race(calls, 2 if quick else 5, judge, _DEFAULT, budget=20.0)
     notes = [f"mean over {len(sets)} seeds; 12 temperatures, 11 points each, 2 % noise"]
-    absent = [f"{peer} is not installed" for peer in PEERS if find_spec(peer) is None]
-    notes += ["peers are left out of the quick run"] if quick else absent
+    notes += ["RepTate's procedure is left out of the quick run"] if quick else []
     return Suite(name, f"Shifts of {truth.name}", "RMS error of log10 a_T (decades)", points, notes=notes)
 
 
@@ -165,22 +160,6 @@ MAXWELL = Truth("twenty Maxwell terms, WLF", 60.0, _maxwell, _wlf)
 FRACTIONAL = Truth("two fractional elements, kinked law", 40.0, _fractional, _kinked)
 
 
-# --- peers ---
-
-
-def peers() -> "dict[str, tuple[str, Callable[[Measured], Floats]]]":
-    """Name every installed way to find shifts: group, and a function that returns log10 a (temperature,)."""
-    found: dict[str, tuple[str, Callable[[Measured], Floats]]] = {
-        f"{_PROCEDURE}, {label}": (_PROCEDURE, partial(pairwise_shifts, is_vertical=is_vertical))
-        for label, is_vertical in (("horizontal", False), ("horizontal and vertical", True))
-    }
-    if find_spec("pyvisco"):
-        found["pyvisco, storage"] = "pyvisco", _pyvisco_shifts
-    if find_spec("mastercurves"):
-        found["mastercurves, loss"] = "mastercurves", _gaussian_processes
-    return found
-
-
 def pairwise_shifts(made: Measured, is_vertical: bool) -> Floats:
     """Shift one isotherm after the other, nearest to the reference first, onto a table that grows.
 
@@ -218,47 +197,3 @@ def _distance(table_x: Floats, table_y: Floats, x: Floats, y: Floats, move: Floa
     down = move[1] if move.size > 1 else 0.0
     rest = [(row[inside] - down) - np.interp(at[inside], table_x, known) for row, known in zip(y, table_y, strict=True)]
     return float(np.mean(np.square(rest)))
-
-
-def _pyvisco_shifts(made: Measured) -> Floats:
-    """Shift by pyvisco, which takes a frame in MPa."""
-    sweeps = made.sweeps
-    rows = [
-        (
-            frequency,
-            *(float(sweeps[name][k, i]) * 1e-6 for name in ("storage", "loss")),
-            temperature,
-            round(temperature),
-            k,
-        )
-        for k, temperature in enumerate(sweeps["temperature"].values)
-        for i, frequency in enumerate(sweeps["frequency"].values)
-    ]
-    frame = pd.DataFrame(rows, columns=["f_set", "E_stor", "E_loss", "T", "T_round", "Set"])
-    master = importlib.import_module("pyvisco.master")
-    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(None):
-        for name, value in (("modul", "E"), ("domain", "freq")):
-            object.__setattr__(frame, name, value)
-        table, _ = master.get_aT(frame, round(made.reference))
-    return np.asarray(table["log_aT"], dtype=float)
-
-
-def _gaussian_processes(made: Measured) -> Floats:
-    """Superpose the loss modulus pair by pair, from the coldest isotherm on.
-
-    The package looks for factors from 0.01 to 1, those of a warmer isotherm on a colder one.
-    """
-    package = importlib.import_module("mastercurves")
-    transforms = importlib.import_module("mastercurves.transforms")
-    sweeps = made.sweeps
-    count = sweeps.sizes["temperature"]
-    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(None):
-        curve = package.MasterCurve(fixed_noise=0.02)
-        curve.add_data(
-            [np.log(sweeps["frequency"].values)] * count,
-            [np.log(row) for row in sweeps["loss"].values],
-            list(sweeps["temperature"].values),
-        )
-        curve.add_htransform(transforms.Multiply())
-        curve.superpose()
-    return np.log10(np.asarray(curve.hparams[0], dtype=float))

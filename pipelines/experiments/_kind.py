@@ -166,6 +166,9 @@ class Kind:
         Evidence of ``identify`` on the material, and knowledge before it. Both may take ``name`` (the experiment's),
         one ``impacts`` (how many bounces count), the other ``temperature`` (degC or None), and return a
         :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that says why there is none.
+    film : str
+        ``"module:function"`` from the path of a film, results of stages named as its parameters (or None), and
+        ``settings`` to a :class:`pipelines.experiments.shared.film_frames.DrawnFilm`.
     material : Derived, optional
         The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
         usual), and returns a :class:`labpipe.materials.Deck`.
@@ -187,6 +190,7 @@ class Kind:
     body: str = ""
     evidence: Derived | None = None
     prior: Derived | None = None
+    film: str = ""
     material: Derived | None = None
     proposal: Proposal | None = None
 

@@ -6,26 +6,22 @@ this computer shows it.
 
 import io
 import itertools
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
-from typing import Any
 
 import click
-import cv2
-import numpy as np
 from PIL import Image
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
-from labpipe.imaging import contact_radius
 from labpipe.workflow.plan import page_name
-from pipelines.bench.contact_radius import surface_gap
+from pipelines.app import open as serve
 from pipelines.guide import reference
 from pipelines.guide.pages import FIRST, GUIDES, PARTS, PICTURES, linked, texts
 from pipelines.session import reopen_session
@@ -145,48 +141,42 @@ def replay(text: str, folder: Path) -> str:
 def of_tutorial(folder: Path, target: Path) -> None:
     """Write the pictures of a session that :func:`replay` has made."""
     made = folder / "my-session/labpipe"
-    for name, page in (("session", "index.html"), ("compare", "compare.html")):
-        of_page(made / page, target / f"{name}.webp")
-    of_page(made / page_name("acrylic_7mm"), target / "report.webp")
-    of_page(folder / "impossible.html", target / "impossible.webp")
-    of_browser(folder / "my-session", target / "browser.webp")
+    pages = {
+        target / "session.webp": made / "index.html",
+        target / "compare.webp": made / "compare.html",
+        target / "report.webp": made / page_name("acrylic_7mm"),
+        target / "impossible.webp": folder / "impossible.html",
+    }
+    for picture, page in pages.items():
+        of_page(page.as_uri(), picture)
     if _README.is_dir():
-        of_page(made / page_name("acrylic_1p5mm"), _README / "report.png", height=1500)
+        of_page((made / page_name("acrylic_1p5mm")).as_uri(), _README / "report.png", height=1500)
+    served = serve(folder / "my-session")
+    answering = threading.Thread(target=served.run)
+    answering.start()
+    of_page(served.address, target / "browser.webp")
+    served.stop()
+    answering.join()
     with Image.open(folder / "figures/3.10.png") as figure:
         _write(figure, target / "figure.webp")
 
 
 def of_reports(session: Path, target: Path) -> None:
     """Write the pictures of the gallery: of each kind the first report of a processed session, with marks."""
-    drawn: set[str] = set()
     opened = reopen_session(session)
+    first: dict[str, Path] = {}
     for name, experiment in opened.experiments.items():
-        page = opened.folder / page_name(name)
-        if page.is_file() and experiment.kind not in drawn:
-            drawn.add(experiment.kind)
-            of_page(page, target / f"gallery-{experiment.kind}.webp", _MARKS, 1500)
+        if (page := opened.folder / page_name(name)).is_file():
+            first.setdefault(experiment.kind, page)
+    for kind, page in first.items():
+        with tempfile.TemporaryDirectory(prefix="labpipe-page-") as folder:
+            marked = Path(folder) / page.name
+            files.write_text(marked, page.read_text("utf-8").replace("</head>", f"<style>{_MARKS}</style></head>", 1))
+            of_page(marked.as_uri(), target / f"gallery-{kind}.webp", height=1500)
 
 
-def of_page(page: Path, target: Path, style: str = "", height: int = 900) -> None:
-    """Draw the first screen [px] of a page, with further rules of CSS."""
-    with tempfile.TemporaryDirectory(prefix="labpipe-page-") as name:
-        shown = Path(name) / page.name
-        files.write_text(shown, page.read_text("utf-8").replace("</head>", f"<style>{style}</style></head>", 1))
-        _screen(shown.as_uri(), target, height)
-
-
-def of_browser(session: Path, target: Path) -> None:
-    """Draw the page of a folder, as ``labpipe open`` shows it."""
-    line = [sys.executable, "-m", "labpipe", "open", str(session), "--no-browser", "--json"]
-    with subprocess.Popen(line, stdout=subprocess.PIPE, env=os.environ | {"PYTHONUNBUFFERED": "1"}) as served:
-        printed: Any = served.stdout
-        said = b"".join(iter(printed.readline, b"}\n")) + b"}"
-        _screen(json.loads(said)["address"], target, 900)
-        served.terminate()
-
-
-def _screen(address: str, target: Path, height: int) -> None:
-    """Draw the first screen of an address.
+def of_page(address: str, target: Path, height: int = 900) -> None:
+    """Draw the first screen of an address, ``height`` px high.
 
     Raises
     ------
@@ -216,35 +206,6 @@ def _write(image: Image.Image, target: Path) -> None:
     files.write_bytes(target, held.getvalue())
 
 
-def of_films(target: Path) -> None:
-    """Draw contacts that are measured and frames that are refused, for the guide to films."""
-    pixel, sphere, wavelength = 4.34e-6, 9.525e-3, 633e-9
-    y, x = np.mgrid[:200, :280]
-    distance = pixel * np.hypot(x - 140.3, y - 99.6)
-    rng = np.random.default_rng(1)
-    contacts = [(radius, 0.0) for radius in (180e-6, 220e-6, 250e-6)]
-    hovering = [(0.0, 0.16e-6), (0.0, 1.3e-6)]
-    for name, cases in (("contact-measured", contacts), ("contact-refused", hovering)):
-        gaps = [surface_gap(distance.ravel(), radius, sphere).reshape(x.shape) + gap for radius, gap in cases]
-        scenes = [120.0 * (1.0 - 0.8 * np.cos(4.0 * np.pi * gap / wavelength)) for gap in gaps]
-        if name == "contact-refused":
-            scenes.append(120.0 - 90.0 * (distance < 200e-6))  # a dark disc without fringes
-        panels = []
-        for light in scenes:
-            frame = np.clip(np.rint(light + 2.0 * rng.standard_normal(light.shape)), 0, 255).astype(np.uint8)
-            found = contact_radius(frame[None], pixel, sphere, wavelength)
-            panel = cv2.cvtColor(cv2.resize(frame, None, fx=2, fy=2), cv2.COLOR_GRAY2RGB)
-            text, colour = "no contact", (230, 60, 60)
-            if bool(found.in_contact[0]):
-                radius, u = float(found.radius[0]), float(found.u_radius[0])
-                text, colour = f"{1e6 * radius:.3f} um, u {1e9 * u:.0f} nm", (60, 200, 60)
-                centre = [round(2 * float(found[axis][0])) for axis in ("centre_x", "centre_y")]
-                cv2.circle(panel, centre, round(2 * radius / pixel), colour, 2, cv2.LINE_AA)
-            cv2.putText(panel, text, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 2, cv2.LINE_AA)
-            panels.append(panel)
-        _write(Image.fromarray(np.hstack(panels)), target / f"{name}.webp")
-
-
 @click.command()
 @click.argument("site", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--keep", is_flag=True, help="Renew the tutorial's replies and the pictures in the package.")
@@ -267,7 +228,6 @@ def main(site: Path, keep: bool, gallery: tuple[Path, ...]) -> None:
             now = replay(kept, Path(folder))
             if keep:
                 of_tutorial(Path(folder), PICTURES)
-                of_films(PICTURES)
                 files.write_text(path, now)
             else:
                 same_words(now, kept)

@@ -446,9 +446,10 @@ def _sandwich(
             _add_scores(values, np.uint64(line), packed, np.uint64(place + line * pitch), light, moved, sums)
         _influences(sums, np.float32(half), rows, scores)
         for c in range(count):
-            x = y = turn = square = np.float32(0)
+            x = y = turn = square = 0.0
             for k in range(edges[c], edges[c + 1]):
-                x, y, turn, square = x + scores[0, k], y + scores[1, k], turn + scores[2, k], square + sums[6, k]
+                x, y, turn = x + scores[0, k], y + scores[1, k], turn + scores[2, k]
+                square += sums[6, k]
             squares[b * count + c] = square
             xx, yy, xy, turned = xx + x * x, yy + y * y, xy + x * y, turned + turn * turn
     covariance[0], covariance[1], covariance[2], covariance[3] = xx, yy, xy, turned

@@ -14,20 +14,13 @@
   // ---- data -------------------------------------------------------------------------------
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
-  const positions = (axis) => {
-    if (axis.values !== undefined) return new Float64Array(bytes(axis.values));
-    if (axis.count !== undefined) return Float64Array.from({ length: axis.count }, (_, i) => axis.start + axis.step * i);
-    return Float64Array.from(new Int32Array(bytes(axis.index)), (i) => axis.start + axis.step * i);
-  };
-
   const curve = (packed) => {
     if (packed === undefined) return null;
-    const raw = packed.wide === undefined ? new Float32Array(bytes(packed.data)) : new Float64Array(bytes(packed.wide));
-    return Float64Array.from(raw, (v) => v + packed.offset);
+    return Float64Array.from(new Float32Array(bytes(packed.data)), (v) => packed.offset + packed.scale * v);
   };
 
   const decode = (description) => {
-    const axes = description.axes.map(positions);
+    const axes = description.axes.map((axis) => new Float64Array(bytes(axis)));
     return description.series.map((s) => ({
       ...s, x: axes[s.axis], y: curve(s.y), u: curve(s.u), low: curve(s.low), high: curve(s.high), shown: true,
     }));

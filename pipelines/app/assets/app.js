@@ -86,11 +86,7 @@ function fileCard(file) {
   const use = file.used_by.length ? `used by ${file.used_by.join(", ")}; ${file.reason}` : isSession || !file.content || file.copy_of || file.content === "picture" ? `not used: ${file.reason}` : file.reason;
   card.append(make("p", { className: state, textContent: use }));
   if (file.content === "picture" || file.content === "film") {
-    const button = make("button", { type: "button", textContent: "Measure in it" });
-    button.addEventListener("click", () => {
-      go(`measure/${file.name}`);
-    });
-    card.append(make("p", {}, button));
+    card.append(make("p", {}, ...[["film", "Watch it"], ["measure", "Measure in it"]].slice(file.content === "film" ? 0 : 1).map(([part, text]) => button(text, () => go(`${part}/${file.name}`)))));
   }
   return card;
 }

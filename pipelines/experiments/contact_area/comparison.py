@@ -92,10 +92,10 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
         of_impact[i] = form.peak, *fit, nrmse
     peak, size, u_size, shift, u_shift, nrmse = of_impact.T
-    theirs = model["peak_contact_radius"].values[:count]
+    largest = model["peak_contact_radius"].values[:count]
     # where the frames of a whole contact are too few, its largest radius alone
     ours, u_ours = (
-        np.where(np.isfinite(fitted), theirs * fitted, impacts[name].values[:count])
+        np.where(np.isfinite(fitted), largest * fitted, impacts[name].values[:count])
         for fitted, name in ((size, "peak_radius"), (u_size, "u_peak_radius"))
     )
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
@@ -111,7 +111,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     of_impacts = (
         ("nrmse", nrmse, "1", "root-mean-square error over largest radius of the model"),
         ("peak_radius_alike", beyond * ours, "m", f"part of its uncertainty that all impacts share: {FRAMES}"),
-        ("peak_radius_model", theirs, "m", "largest radius, model"),
+        ("peak_radius_model", largest, "m", "largest radius, model"),
         ("model_peak_time", peak, "s", "time of the model's largest radius"),
     )
     columns = zip(of_frames, np.concatenate(points, axis=1), strict=True)
@@ -120,7 +120,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         {name: variable("sample", values, units, text) for (name, units, text), values in columns}
         | {name: variable("impact", values, units, text) for name, values, units, text in of_impacts}
         | with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film")
-        | with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart)
+        | with_u("peak_radius_difference", "impact", ours - largest, u, "m", apart)
         | with_u("time_shift", "impact", np.nan_to_num(shift), u_shift, "s", "shift of the model to earlier times")
         | curve_table("impact", agreed),
         coords={"impact": np.arange(1, count + 1)},

@@ -58,6 +58,7 @@ KIND = Kind(
     picture=Picture("radius", "time", "radius", is_first=True),
     rows=derived("contact_area.comparison:rows", "comparison model"),
     budget=derived("contact_area.budget:quantities", "impacts radius model"),
+    film="pipelines.experiments.contact_area.page:film",
     body="sphere",
     evidence=derived("contact_area.evidence:evidence", f"radius impacts other:plate_from/plate {solid_of('sphere')}"),
     proposal=proposal("film", "contact_area.proposal:proposed", "shared.record_templates:camera_records"),

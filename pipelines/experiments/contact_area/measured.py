@@ -264,8 +264,12 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings
     wanted = spread.tolist() if impacts is None else _of_impacts(radius, impacts)
     near = [i for i in wanted if source.valid[int(radius["frame"][i])]]
     found = key_frames(source, [int(radius["frame"][i]) for i in near])
-    size = float(radius["pixel_size"])
-    at = radius.isel(frame=near)
+    return with_circles(found, radius.isel(frame=near)).assign_attrs(work=json.dumps({"key_frames": len(near)}))
+
+
+def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
+    """Add to key frames the circles that ``at``, the radii of the same frames, holds."""
+    size = float(at["pixel_size"])
     for name, values, units, text in (
         ("circle_x", at["centre_x"].values, "px", "column of the fitted centre"),
         ("circle_y", at["centre_y"].values, "px", "row of the fitted centre"),
@@ -275,10 +279,9 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings
         ("circle_angle", at["axis_angle"].values, "rad", "direction of the major axis"),
         ("key_method", at["method"].values.astype(float), "1", "method of the radius"),
     ):
-        found[name] = variable("key", values, units, text)
+        keys[name] = variable("key", values, units, text)
     u = np.hypot(at["u_radius"].values, at["radius_systematic"].values)
-    found = found.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
-    return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))
+    return keys.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
 
 
 def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:

@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,12 +13,12 @@ from labpipe.imaging import USUAL_WORK
 from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
-from pipelines.experiments.contact_area.measured import OPEN_GAP
+from pipelines.experiments.contact_area.measured import OPEN_GAP, with_circles
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import linear_range_rows
-from pipelines.experiments.shared.film_frames import drawing_of, strip
+from pipelines.experiments.shared.film_frames import DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
@@ -84,6 +85,19 @@ def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | N
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
     gallery = strip("Film with the fitted circle", drawn, start=top, group=_GROUP, caption=caption)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
+
+
+def film(path: Path, radius: xr.Dataset | None, *, settings: ContactArea) -> DrawnFilm:
+    """Return the film with the fitted circles drawn; first contact and largest radius have names."""
+    source = film_of(path, settings)
+    if radius is None:
+        return DrawnFilm(source)
+    frame, found = radius["frame"].values, radius["radius"].where(radius["in_contact"]).values
+    names = {"First contact": np.isfinite(found).argmax(), "Largest radius": np.nan_to_num(found).argmax()}
+    jumps = {name: int(frame[at]) for name, at in names.items() if np.isfinite(found[at])}
+    return DrawnFilm(
+        source, frame, lambda key, at: _drawn(with_circles(key, radius.isel(frame=[at])).isel(key=0)), jumps
+    )
 
 
 def _drawn(key: xr.Dataset) -> tuple[NDArray[np.uint8], str, str, float]:

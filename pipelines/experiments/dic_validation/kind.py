@@ -65,5 +65,6 @@ KIND = Kind(
     picture=Picture("motion", "time", "displacement"),
     rows=derived("dic_validation.comparison:rows", "comparison"),
     budget=derived("dic_validation.budget:quantities", "motion comparison"),
+    film="pipelines.experiments.dic_validation.page:film",
     proposal=proposal("film", "dic_validation.proposal:proposed", "shared.record_templates:camera_records"),
 )

@@ -246,12 +246,16 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
     near = thinned(range(near[-2] + 1) if len(near) > 1 else (), near)
     near = [i for i in near if source.valid[int(track["frame"][i])]]
     found = key_frames(source, [int(track["frame"][i]) for i in near])
-    at = track.isel(frame=near)
+    return with_points(found, track.isel(frame=near)).assign_attrs(work=json.dumps({"key_frames": len(near)}))
+
+
+def with_points(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
+    """Add to key frames the places of the points that ``at``, the tracks of the same frames, holds."""
     for axis, text in (("x", "column"), ("y", "row")):
         place = at[axis].values + at[f"d{axis}"].values
-        found[f"point_{axis}"] = variable(("key", "point"), place, "px", f"{text} of a tracked point")
-        found[f"start_{axis}"] = variable("point", at[axis].values, "px", f"{text} of a point in the first image")
-    found["turn"] = variable(("key", "point"), at["rotation"].values, "rad", "rotation")
-    found["subset"] = variable("point", at["subset"].values, "px", "subset")
-    found["key_status"] = ("key", statuses(at), {"long_name": "status of the large subset"})
-    return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))
+        keys[f"point_{axis}"] = variable(("key", "point"), place, "px", f"{text} of a tracked point")
+        keys[f"start_{axis}"] = variable("point", at[axis].values, "px", f"{text} of a point in the first image")
+    keys["turn"] = variable(("key", "point"), at["rotation"].values, "rad", "rotation")
+    keys["subset"] = variable("point", at["subset"].values, "px", "subset")
+    keys["key_status"] = ("key", statuses(at), {"long_name": "status of the large subset"})
+    return keys

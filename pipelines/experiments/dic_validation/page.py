@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from labpipe.report import Band, Block, LineChart, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
+from pipelines.experiments.dic_validation.measured import with_points
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import drawing_of, strip
+from pipelines.experiments.shared.film_frames import DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _VIEWS = 3  # impacts that get a button
@@ -56,6 +58,20 @@ def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset |
     caption += "The charts below mark the frame that is shown." * (start is not None)
     gallery = strip("Film with the tracked subsets", drawn, caption=caption, group=_GROUP)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
+
+
+def film(path: Path, track: xr.Dataset | None, bounces: xr.Dataset | None, *, settings: DicValidation) -> DrawnFilm:
+    """Return the film with the tracked subsets drawn; the first contact has a name."""
+    source = film_of(path, settings)
+    if track is None:
+        return DrawnFilm(source)
+
+    def drawn(key: xr.Dataset, at: int) -> tuple[NDArray[np.uint8], str, str, float | None]:
+        return _drawn(with_points(key, track.isel(frame=[at])).isel(key=0), None, settings.tracking)
+
+    start = math.nan if bounces is None else float(bounces["first_contact_time"])
+    jumps = {"First contact": int(np.argmin(np.abs(source.time - start)))} if math.isfinite(start) else {}
+    return DrawnFilm(source, track["frame"].values, drawn, jumps)
 
 
 def _drawn(

@@ -89,7 +89,7 @@ def simulated_drop(
     count = min(made.sizes["impact"], followed)
     # of each input another value, one without an uncertainty too, as it may be stated wrongly as well
     steps = {name: max(given.u, _LEAST_CHANGE * given.value) for name, given in inputs.items()}
-    solids, flats = dict.fromkeys(inputs, solid), [flat, *(flat for _ in inputs)]
+    solids, flats = dict.fromkeys(inputs, solid), list[Any]([flat, *(flat for _ in inputs)])
     changes = variations(sphere, material_file, fitted, IMPACT_TIMES)
     changes |= {name: Variation(E, E.value, solid) for name, E in modulus_of(settings.counter_body).items()}
     changes["modulus"] = Variation(Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER))

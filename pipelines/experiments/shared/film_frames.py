@@ -1,7 +1,7 @@
 """Films in experiments: opening, recording date, key frames."""
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from math import ceil
 from pathlib import Path
@@ -17,7 +17,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import EXCHANGED, InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
 from labpipe.judging import Check, Level, stated
-from labpipe.report import Gallery, Picture, quantity, smaller_pictures
+from labpipe.report import Gallery, Picture, quantity
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -26,6 +26,7 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _MOST_FRAMES = 60  # of a strip: a second and a half at forty a second, and few enough to step through
 _STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
+_QUALITIES = (90, 80, 65)  # of JPEG, tried in turn: at 90 no loss is seen, at 65 edges begin to show it
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _SMALLEST = 480  # px; smaller frames are drawn enlarged
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
@@ -199,12 +200,14 @@ def thinned(wanted: Iterable[int], keys: Collection[int]) -> list[int]:
 def strip(
     title: str, drawn: Sequence[tuple[NDArray[np.uint8], str, str, float | None]], *, start: int = 0, **more: str
 ) -> Gallery:
-    """Make frames a strip to step through, in the best quality in which they fit a page; else fewer of them.
+    """Make frames a strip to step through, as JPEG in the best quality in which they fit a page; else fewer of them.
 
     ``drawn``: picture (BGR), description, caption and place of each; ``start``: the one that is shown first.
     """
-    whole = [Picture(png(image), alt, caption, at) for image, alt, caption, at in drawn]
-    frames = smaller_pictures(whole, _STRIP_BYTES)
+    for quality in _QUALITIES:
+        frames = [Picture(jpeg(image, quality), alt, caption, at) for image, alt, caption, at in drawn]
+        if sum(len(frame.address) for frame in frames) <= _STRIP_BYTES:
+            break
     kept = [*range(len(frames))]
     while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > _STRIP_BYTES:
         kept = sorted({*kept[::2], start})
@@ -218,20 +221,21 @@ def _header_lines(header: Any) -> list[str]:
     if not is_dataclass(header):
         return []
     lines = []
-    for field in fields(header):
-        value = getattr(header, field.name)
+    for entry in fields(header):
+        value = getattr(header, entry.name)
         if is_dataclass(value):
             lines += _header_lines(value)
         elif isinstance(value, int | float | str) and value != "":
-            lines.append(f"{field.name.replace('_', ' ')}: {value}")
+            lines.append(f"{entry.name.replace('_', ' ')}: {value}")
     return lines
 
 
-def png(image: NDArray[np.uint8]) -> bytes:
-    """Encode a grey or colour (BGR) image."""
-    is_done, data = cv2.imencode(".png", image)
+def jpeg(image: NDArray[np.uint8], quality: int = _QUALITIES[0]) -> bytes:
+    """Encode a grey or colour (BGR) image; half the colour resolution would blur a thin coloured circle."""
+    sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+    is_done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])
     if not is_done:
-        raise InputError(f"an image of shape {image.shape} cannot be written as PNG")
+        raise InputError(f"an image of shape {image.shape} cannot be written as JPEG")
     return data.tobytes()
 
 
@@ -246,6 +250,38 @@ def drawing_of(key: xr.Dataset) -> tuple[NDArray[Any], float, float]:
     scale = factor / float(key["reduction"])
     drawn = cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     return drawn, scale, scale / 2 - 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnFilm:
+    """A film to watch, and the results of its frames.
+
+    ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one as :func:`key_frames` copies it, and
+    its place among these, and returns picture (BGR), description, caption and place on a chart. ``jumps`` are frames
+    worth seeing, by name.
+    """
+
+    source: FrameSource
+    frame: NDArray[np.integer] = field(default_factory=lambda: np.empty(0, int))
+    drawn: Callable[[xr.Dataset, int], tuple[NDArray[np.uint8], str, str, float | None]] | None = None
+    jumps: Mapping[str, int] = field(default_factory=dict)
+
+    def shown(self, index: int, is_drawn: bool = True) -> tuple[NDArray[np.uint8] | None, str]:
+        """Return a frame as wide as a page shows it, with its results if wanted, and its caption.
+
+        There is no picture of a frame that is damaged or excluded, or that the film does not have.
+        """
+        if not 0 <= index < len(self.source):
+            return None, f"the film has no frame {index}"
+        head = f"frame {index}, {self.source.time[index] * 1e3:.2f} ms in the film"
+        if not self.source.valid[index]:
+            return None, f"{head}: damaged or excluded, it is not shown"
+        key, at = key_frames(self.source, [index]), int(np.searchsorted(self.frame, index))
+        if self.drawn is not None and at < self.frame.size and self.frame[at] == index:
+            image, _, caption, _ = self.drawn(key, at)
+            return image if is_drawn else drawing_of(key.isel(key=0))[0], caption
+        missing = "this frame was not evaluated" if self.frame.size else "no result of this film is up to date"
+        return drawing_of(key.isel(key=0))[0], f"{head}; {missing}"
 
 
 def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> Check:

@@ -245,7 +245,7 @@ def test_a_crowded_page_stays_below_its_size_and_gives_small_charts_what_they_ne
     page = Document("d", sections=(Section("s", (*large, small)),)).render()
     assert 1_000_000 < len(page.encode()) <= 3_000_000
     islands = [json.loads(text) for text in Skeleton(page).islands]
-    assert islands[-1]["axes"][0]["count"] == 2000
+    assert len(base64.b64decode(islands[-1]["axes"][0])) == 2000 * 8
     assert "of 400000 samples" in page
 
 
@@ -307,26 +307,6 @@ def test_importing_the_kit_imports_no_numerical_library():
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
-
-
-def noisy_png(seed: int, size: int = 400) -> bytes:
-    import cv2
-
-    noise = np.random.default_rng(seed).integers(0, 255, (size, size, 3), dtype=np.uint8)
-    return bytes(cv2.imencode(".png", noise)[1].tobytes())
-
-
-def test_pictures_that_make_a_page_too_large_become_jpeg_and_others_stay() -> None:
-    frames = tuple(Picture(noisy_png(n), f"frame {n}") for n in range(8))
-    inner = Details("more", (Picture(noisy_png(9), "folded"),))
-    page = Document("p", sections=(Section("s", (Gallery("g", frames), inner)),))
-    small = page.render()
-    assert len(small.encode()) <= 3_000_000
-    assert small.count("data:image/jpeg;base64,") == 9
-    assert "data:image/png" not in small
-    assert page.render() == small
-    one = Document("p", sections=(Section("s", frames[:1]),)).render()
-    assert "data:image/jpeg" not in one
 
 
 def test_a_row_of_texts_is_a_card_with_its_titles_on_a_narrow_screen_and_a_row_of_numbers_is_not() -> None:
