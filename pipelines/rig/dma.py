@@ -5,7 +5,6 @@ doi:10.1016/0032-3861(67)90021-3), which no finite sum of exponentials equals; t
 such sums, so it cannot be right by construction. Nothing here asks :mod:`labpipe.materials`.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from instruments import anton_paar
-from labpipe import files
 from labpipe.arrays import Floats
-from pipelines.rig.session_text import dma_name, dma_section
+from pipelines.rig.session_text import dma_name, dma_section, write_truth
 from pipelines.rig.solids import SOLIDS, Solid, truth_of_solid
 
 _DIGITS = 5  # of the export
@@ -89,8 +87,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
     export = anton_paar.assemble(intervals, project=project)
     anton_paar.write(folder / f"dma/{name}.csv", export, digits=_DIGITS)
-    text = json.dumps(_truth(solid, protocol) | {"scale": scale}, indent=1) + "\n"
-    files.write_text(folder / f"truth/{name}.json", text)
+    write_truth(folder, name, _truth(solid, protocol) | {"scale": scale})
     return f"dma/{name}.csv"
 
 
@@ -112,7 +109,6 @@ def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:
     frequency = np.logspace(low, high, 60)
     curve = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
     return {
-        "synthetic": True,
         **truth_of_solid(solid),
         "mode": solid.mode,
         "T_ref": solid.T_ref,

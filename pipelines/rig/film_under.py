@@ -19,7 +19,7 @@ from instruments import phantom
 from labpipe.arrays import Floats
 from labpipe.compilation import compiled
 from pipelines.rig.fall import Body, fall
-from pipelines.rig.film_front import TRIGGER
+from pipelines.rig.film_front import film_recording
 from pipelines.rig.reference_drop import Springs
 
 PIXEL_SIZE = 1e-3 / 461  # m, the thesis's view under the disc
@@ -62,26 +62,15 @@ def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, 
     """
     nodes, weights = np.polynomial.legendre.leggauss(camera.moments)
     moments = (time[:, None] - camera.release + 0.5 * camera.exposure * nodes).ravel()
-    held = int(np.count_nonzero(moments < 0))
-    motion = fall(body, float(moments[-1]) + 1e-4, moments[held:])
+    motion = fall(body, float(moments[-1]) + 1e-4, np.maximum(moments, 0.0))  # it is held until its release
     if motion.springs is None:
         raise RuntimeError("the reference handed out no springs")
-    states = _with_hold(motion.springs, held, body.height)
-    shape = (len(time), camera.rows, camera.columns)
-    rate = round(1 / float(np.min(np.diff(time))))
-    recording = phantom.Recording(
-        rate,
-        camera.exposure,
-        bits=8,
-        trigger=TRIGGER,
-        camera="labpipe virtual camera",
-        description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
-    )
+    states, shape = motion.springs, (len(time), camera.rows, camera.columns)
+    recording = film_recording(round(1 / float(np.min(np.diff(time)))), camera.exposure, "view under the disc")
     images = _images(states, body, camera, weights / 2, len(time), seed)
     phantom.write(path, images, shape, time, recording)
     radius = states.contact_radius.reshape(len(time), -1)
     return {
-        "synthetic": True,
         "view": "under",
         "pixel_size": camera.pixel_size,
         "wavelength": camera.wavelength,
@@ -94,19 +83,6 @@ def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, 
         "time": time.tolist(),
         "contact_radius": np.round(radius @ (weights / 2), 10).tolist(),
     }
-
-
-def _with_hold(springs: Springs, held: int, height: float) -> Springs:
-    """Put the moments before release, with relaxed springs, in front."""
-    rest = np.zeros((held, springs.position.size))
-    return Springs(
-        np.concatenate([np.full(held, np.nan), springs.time]),
-        springs.position,
-        np.concatenate([rest, springs.displacement]),
-        np.concatenate([np.full(held, -height), springs.approach]),
-        np.concatenate([np.zeros(held), springs.contact_radius]),
-        springs.resolution,
-    )
 
 
 def _centre(camera: UnderCamera) -> tuple[float, float]:
@@ -146,7 +122,9 @@ def _images(
     matrix = surface_matrix(springs.position, coarse)
     fine = np.arange(0.0, largest, _GRID)
     profile = fine**2 / (body.radius + np.sqrt(body.radius**2 - fine**2))  # of a sphere
-    light = _light(camera)
+    half = 0.5 * camera.columns  # light falls off towards the corners of the image's long side
+    across, down = np.arange(camera.columns) - half, np.arange(camera.rows)[:, None] - 0.5 * camera.rows
+    light = 1.0 - camera.vignette * (across**2 + down**2) / half**2
     for frame in range(count):
         table = np.zeros_like(fine)
         for k, weight in enumerate(weights):
@@ -162,14 +140,6 @@ def _images(
             grey = gaussian_filter(grey, camera.blur, mode="nearest")
         noisy = grey + camera.noise * generator.standard_normal(grey.shape)
         yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def _light(camera: UnderCamera) -> Floats:
-    """Illumination that falls off towards the corners of the image's long side."""
-    half = 0.5 * camera.columns
-    x = (np.arange(camera.columns) - half) / half
-    y = (np.arange(camera.rows)[:, None] - 0.5 * camera.rows) / half
-    return np.asarray(1.0 - camera.vignette * (x**2 + y**2))
 
 
 @compiled(error_model="numpy", no_cfunc_wrapper=True)

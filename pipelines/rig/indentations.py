@@ -5,7 +5,6 @@ one Sinusoid block per frequency. The true force of the whole history comes from
 :mod:`pipelines.rig.reference_indentation`; nothing is computed block by block.
 """
 
-import json
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -16,10 +15,10 @@ from numpy.typing import NDArray
 
 from instruments import mach1
 from instruments.mach1 import Block, LoadCell, assemble, make_block
-from labpipe import files
 from labpipe.arrays import Floats
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, Tester, approach, oscillation, ramp, record
 from pipelines.rig.reference_indentation import reference_indentation
+from pipelines.rig.session_text import write_truth
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 CELL = LoadCell("250N SN:0000000 (synthetic)", "Multiple-axis", 1.0, 0.0, steps={"Fz, N": 0.0125})
@@ -142,7 +141,6 @@ def write_harmonic(
     parts = _parts(protocol, tester)
     pieces = record_parts(folder, name, specimen, parts, tester, seed, start)
     document: dict[str, Any] = {
-        "synthetic": True,
         "solid": truth_of_solid(solid_of(specimen.material)),
         "surface": specimen.surface,
         "mean": protocol.mean,
@@ -155,7 +153,7 @@ def write_harmonic(
             if part.frequency
         ],
     }
-    files.write_text(folder / f"truth/{name}.json", json.dumps(document, indent=1) + "\n")
+    write_truth(folder, name, document)
 
 
 def record_parts(

@@ -10,7 +10,7 @@ import pytest
 from labpipe import files
 from labpipe.errors import UsageError
 from pipelines.figures import FIGURES, make
-from pipelines.rig import campaign, dma, plate_session, static_loading
+from pipelines.rig import campaign, dma, plate_session, session_text, static_loading
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.samples import write_sample
@@ -59,7 +59,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(campaign, "burst_times", lambda *rest: None)
     parts = campaign._parts(tmp_path, START, campaign.THESIS)
     sections = [part.write() for part in parts]
-    campaign._write_session(tmp_path, sections, is_binned=True)
+    session_text.write_session(tmp_path, "Campaign", campaign.joined(sections))
     names = [name for part in parts for name in part.names]
     assert set(names) | {"plate"} == set(tomllib.loads((tmp_path / "session.toml").read_text("utf-8"))["experiments"])
     return tmp_path
