@@ -17,7 +17,6 @@ from scipy.ndimage import gaussian_filter
 
 from instruments import phantom
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
 from pipelines.rig.fall import Body, fall
 from pipelines.rig.film_front import film_recording
 from pipelines.rig.reference_drop import Springs
@@ -125,6 +124,13 @@ def _images(
     half = 0.5 * camera.columns  # light falls off towards the corners of the image's long side
     across, down = np.arange(camera.columns) - half, np.arange(camera.rows)[:, None] - 0.5 * camera.rows
     light = 1.0 - camera.vignette * (across**2 + down**2) / half**2
+    # Samples (row, in it, column, in it) of the radial table, spread over every pixel.
+    spread = (np.arange(camera.samples) + 0.5) / camera.samples - 0.5
+    x = (np.arange(camera.columns)[:, None] - x0 + spread) * camera.pixel_size / np.cos(camera.tilt)
+    y = (np.arange(camera.rows)[:, None] - y0 + spread) * camera.pixel_size
+    place = np.hypot(x, y[:, :, None, None]) / _GRID
+    inner = np.minimum(place.astype(np.int64), fine.size - 2)
+    share = np.minimum(place - inner, 1.0)
     for frame in range(count):
         table = np.zeros_like(fine)
         for k, weight in enumerate(weights):
@@ -132,41 +138,9 @@ def _images(
             dent = np.interp(fine, coarse, matrix @ springs.displacement[n])
             gap = np.maximum(profile - springs.approach[n] + dent, 0.0)
             table += weight * np.cos(4 * np.pi * gap / camera.wavelength + np.pi)
-        relative = _pixels(
-            table, _GRID, camera.rows, camera.columns, x0, y0, camera.pixel_size, np.cos(camera.tilt), camera.samples
-        )
+        relative = (table[inner] + share * (table[inner + 1] - table[inner])).mean(axis=(1, 3))
         grey = camera.mean * (1 + camera.visibility * relative) * light
         if camera.blur:
             grey = gaussian_filter(grey, camera.blur, mode="nearest")
         noisy = grey + camera.noise * generator.standard_normal(grey.shape)
         yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
-def _pixels(
-    table: Floats,
-    grid: float,
-    rows: int,
-    columns: int,
-    x0: float,
-    y0: float,
-    size: float,
-    shortening: float,
-    samples: int,
-) -> Floats:
-    """Average the radial table over every pixel by samples x samples points."""
-    image = np.zeros((rows, columns))
-    last = len(table) - 2
-    for i in range(rows):
-        for j in range(columns):
-            total = 0.0
-            for p in range(samples):
-                y = (i - y0 + (p + 0.5) / samples - 0.5) * size
-                for q in range(samples):
-                    x = (j - x0 + (q + 0.5) / samples - 0.5) * size / shortening
-                    place = np.sqrt(x * x + y * y) / grid
-                    k = min(int(place), last)
-                    share = min(place - k, 1.0)
-                    total += table[k] + share * (table[k + 1] - table[k])
-            image[i, j] = total / (samples * samples)
-    return image
