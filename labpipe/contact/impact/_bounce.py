@@ -12,6 +12,8 @@ from labpipe.contact.impact._method import MEANS, N_NODES, STAGES, TO_POWERS, WE
 from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Room, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
 
+# Records of each step: its start and so many instants inside.
+_RECORDS_PER_STEP = 12
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
@@ -100,12 +102,12 @@ class Bounce(NamedTuple):
 
 
 def bounce(
-    tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts, per_step: int
+    tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts, times: Floats | None = None
 ) -> Bounce | None:
     """Follow one contact from touch; None unless it shrinks once and ends in a lift-off.
 
-    The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far,
-    ``per_step`` the records of a step.
+    The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far. The
+    course is at those of the ``times`` (time,) [s] that lie in it, or at instants of its own, and at its end.
     """
     room, centre, outer = tables.room, dents.centre, 0.0
     room.center[: centre.size], room.dent[: centre.size] = centre, 0.0
@@ -144,10 +146,17 @@ def bounce(
         dissipated[: peak + 1] = np.minimum(dissipated[: peak + 1], peak_loss)
         dissipated[peak:] = np.maximum(dissipated[peak:], peak_loss)
         dissipated[-1] = whole
-        course = _course(room, fall, n, peak, origin, per_step)
+        part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
+        at = touched + (time[:n, None] + np.diff(time[: n + 1])[:, None] * part).ravel()
+        if times is not None:
+            at = times[(times >= touched) & (times < touched + lasted)]
+        at = np.append(at, touched + lasted)
+        course = _course(room, fall, n, peak, np.minimum(at - touched, lasted))
         lost = PchipInterpolator(time[: n + 1], dissipated)(course["time"])
         course["stored"] = stored[0] + course["spring_work"] - work - lost
-        course["time"] += touched
+        course["time"] = at
+        for name in ("position", "approach", "surface"):
+            course[name] += origin
     peaks = np.zeros(4)
     worst = outcome_of(fall, room, n, mislaid, peaks)
     end = state[n].tolist()
@@ -162,8 +171,8 @@ def bounce(
     return Bounce(largest, force, approach + origin, deepest + origin, error, float(worst), course)
 
 
-def _course(room: Room, fall: Fall, n: int, peak: int, origin: float, per_step: int) -> Trail:
-    """Return records at the ends of the steps of a contact and between, by the polynomials through their stages."""
+def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:
+    """Return records at times (time,) [s] since touch, by the polynomials through the stages of the steps."""
     starts, stages, length = room.state[:n], room.stages[:n], np.diff(room.time[: n + 1])
     power = stages[:, :, 2] * (stages[:, :, 1] - stages[:, :, 5])
     gained = np.stack([power, fall.plate_damping * stages[:, :, 5] ** 2], axis=2)
@@ -177,15 +186,14 @@ def _course(room: Room, fall: Fall, n: int, peak: int, origin: float, per_step: 
     receded = np.cumsum(room.edge_powers[peak:n].sum(axis=1))[:-1]
     coefficients[:, 3, 0] = np.concatenate([starts[:peak, 3] ** 2, [0.0], receded])
     coefficients[:, 3, 1:] = room.edge_powers[:n]
-    part = np.linspace(0.0, 1.0, per_step + 1)
-    values = np.einsum("ncp,up->nuc", coefficients, part[:, None] ** np.arange(STAGES + 1))
-    values = np.append(values[:, :-1].reshape(-1, 8), values[-1:, -1], axis=0)
-    largest, grows = float(room.state[peak, 3]), np.arange(len(values)) < peak * per_step
-    square = np.where(grows, values[:, 3], largest**2 * (1.0 - np.minimum(values[:, 3], 1.0) ** 2))
-    trail = np.zeros(len(values), MOTION)
-    times = (room.time[:n, None] + length[:, None] * part[:-1]).ravel()
-    trail["time"], trail["position"], trail["velocity"] = np.append(times, room.time[n]), values[:, 0], values[:, 1]
-    trail["position"] += origin
+    step = np.clip(np.searchsorted(room.time[: n + 1], times, side="right") - 1, 0, n - 1)
+    u, values = (times - room.time[step]) / length[step], np.zeros((times.size, 8))
+    for power in range(STAGES, -1, -1):
+        values = values * u[:, None] + coefficients[step, :, power]
+    largest = float(room.state[peak, 3])
+    square = np.where(step < peak, values[:, 3], largest**2 * (1.0 - np.minimum(values[:, 3], 1.0) ** 2))
+    trail = np.zeros(times.size, MOTION)
+    trail["time"], trail["position"], trail["velocity"] = times, values[:, 0], values[:, 1]
     trail["force"] = np.maximum(values[:, 2], 0.0)
     trail["acceleration"] = fall.gravity - trail["force"] / fall.mass
     trail["contact_radius"] = np.sqrt(np.maximum(square, 0.0))

@@ -32,8 +32,6 @@ _SLOWEST_BOUNCE = 0.03
 # First and longest step of a collocated contact over the duration of the first one, and tolerance of a step
 # over rtol: restitution errs by less than that, a long train by some ten times.
 _FIRST, _LONGEST, _COLLOCATED_SHARE = 1e-6, 0.34, 0.05
-# Records of a collocated step: as shown, and as interpolated between.
-_RECORDS_PER_STEP = 12, 48
 # Steps that one contact takes, and work that a step may take on average, in updates of one element of one spring.
 _STEPS_PER_CONTACT, _UPDATES_PER_STEP = 20, 20_000
 
@@ -167,8 +165,7 @@ class Train:
         one, scale = self.setting, self.expected.duration
         steps = _COLLOCATED_SHARE * one.rtol * speed, _LONGEST * scale, _FIRST * scale
         fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *modal(one.plate), *steps)
-        per_step = _RECORDS_PER_STEP[self.times is not None]
-        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts, per_step)
+        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts, self.times)
         if found is None:
             return False
         self._look(found.largest)
