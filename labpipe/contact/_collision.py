@@ -379,6 +379,7 @@ class _Motion:
         phase = _Phase(now, now + float(solution.t[-1]), motion, permanent, is_contact=True)
         free = (phase.end, *phase.last())
         if solution.t_events[2].size and not loading:
-            free = (now + float(solution.t_events[2][-1]), *map(float, solution.y_events[2][-1]))
+            height, speed = solution.y_events[2][-1].tolist()
+            free = now + float(solution.t_events[2][-1]), height, speed
         found = [event.__name__ for event, at in zip(events[:2], solution.t_events, strict=False) if at.size]
         return phase, found[0] if found else "end", free

@@ -123,7 +123,7 @@ def thesis_dataset(
             rows.append((*moments, incoming, outgoing, ratio, *peaks, nan, nan))
     steps = since.size - 1
     counts = {"solver_steps": steps, "kernel_products": work["active_set_solves"] + steps, "seconds": round(seconds, 4)}
-    return _assemble(time, series, rows, {}, setting, counts | work)
+    return _assemble(time, series, rows, {}, setting, {**counts, **work})
 
 
 def batch_dataset(trains: Sequence[Train], most: int) -> xr.Dataset:
