@@ -188,8 +188,8 @@ def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:
     coefficients[:, 3, 1:] = room.edge_powers[:n]
     step = np.clip(np.searchsorted(room.time[: n + 1], times, side="right") - 1, 0, n - 1)
     u, values = (times - room.time[step]) / length[step], np.zeros((times.size, 8))
-    for power in range(STAGES, -1, -1):
-        values = values * u[:, None] + coefficients[step, :, power]
+    for p in range(STAGES, -1, -1):
+        values = values * u[:, None] + coefficients[step, :, p]
     largest = float(room.state[peak, 3])
     square = np.where(step < peak, values[:, 3], largest**2 * (1.0 - np.minimum(values[:, 3], 1.0) ** 2))
     trail = np.zeros(times.size, MOTION)
