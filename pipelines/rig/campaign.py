@@ -239,9 +239,11 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
                 rings.append(Part(("plate",), partial(write_ringing_of, folder, *of)))
     drops.append(("acrylic", highest, HEATED, extent.seed + 9900, start + timedelta(days=10)))
     static = partial(record_static, folder, "ptfe_static", start + timedelta(days=12), extent.static, extent.seed)
+    punched = extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
+    rubber = partial(write_indentations, folder, start + timedelta(days=20), *punched)
     rheometer = partial(sweeps, folder, protocol=extent.dma, seed=extent.seed)
     return [
-        Part(("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)),
+        Part(("nbr_relaxation", "nbr_harmonic"), rubber),
         *(
             Part((f"{_name('acrylic', height, warm)}_film",), partial(_contact_film, folder, height, warm, extent))
             for height, warm in filmed
@@ -298,9 +300,3 @@ def _drops(
     recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
     source = session_text.from_dma(material, temperature)
     return session_text.drop_section(name, recordings, height, material, _ON_PLATE, source)
-
-
-def _indentations(folder: Path, start: datetime, extent: Extent) -> str:
-    return write_indentations(
-        folder, start, extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
-    )[1]

@@ -7,7 +7,6 @@ such sums, so it cannot be right by construction. Nothing here asks :mod:`labpip
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -87,7 +86,28 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
     export = anton_paar.assemble(intervals, project=project)
     anton_paar.write(folder / f"dma/{name}.csv", export, digits=_DIGITS)
-    write_truth(folder, name, _truth(solid, protocol) | {"scale": scale})
+    T = np.asarray(protocol.temperatures) + protocol.offset_temperature
+    shift = solid.log10_aT(T)
+    low, high = (np.log10(g(protocol.frequencies)) + g(shift) for g in (min, max))
+    reduced = np.logspace(low, high, 60)
+    curve = solid.modulus(reduced, np.full(reduced.size, solid.T_ref))
+    truth = truth_of_solid(solid) | {
+        "mode": solid.mode,
+        "T_ref": solid.T_ref,
+        "temperature": T.tolist(),
+        "log10_aT": shift.tolist(),
+        "frequency": reduced.tolist(),
+        "storage": curve.real.tolist(),
+        "loss": curve.imag.tolist(),
+        "u_storage": protocol.u_storage,
+        "u_loss": protocol.u_loss,
+        "delay": protocol.delay,
+        "law": {"energy": solid.energy, "kink": min(solid.kink, 1e3), "C1": solid.C1, "C2": solid.C2},
+        "softening": solid.softening,
+        "is_entropic": solid.is_entropic,
+        "scale": scale,
+    }
+    write_truth(folder, name, truth)
     return f"dma/{name}.csv"
 
 
@@ -99,28 +119,3 @@ def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN, seed: int = 0)
         export = write_dma(folder, name, solid, protocol, seed + 500 + list(SOLIDS).index(material))
         sections += dma_section(name, export, solid)
     return sections
-
-
-def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:
-    temperature = np.asarray(protocol.temperatures) + protocol.offset_temperature
-    shift = solid.log10_aT(temperature)
-    low = np.log10(min(protocol.frequencies)) + shift.min()
-    high = np.log10(max(protocol.frequencies)) + shift.max()
-    frequency = np.logspace(low, high, 60)
-    curve = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
-    return {
-        **truth_of_solid(solid),
-        "mode": solid.mode,
-        "T_ref": solid.T_ref,
-        "temperature": temperature.tolist(),
-        "log10_aT": shift.tolist(),
-        "frequency": frequency.tolist(),
-        "storage": curve.real.tolist(),
-        "loss": curve.imag.tolist(),
-        "u_storage": protocol.u_storage,
-        "u_loss": protocol.u_loss,
-        "delay": protocol.delay,
-        "law": {"energy": solid.energy, "kink": min(solid.kink, 1e3), "C1": solid.C1, "C2": solid.C2},
-        "softening": solid.softening,
-        "is_entropic": solid.is_entropic,
-    }

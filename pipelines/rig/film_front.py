@@ -108,7 +108,7 @@ def _images(
     last: tuple[Pose, Floats] | None = None
     for t in time:
         poses = [_pose(t + n, trajectory, height, camera) for n in nodes]
-        if last is None or _distance(last[0], poses[0]) > _STILL:
+        if last is None or poses[0].distance(last[0]) > _STILL:
             clean = sum(draw(holder, camera.rows, camera.columns, p, camera.defocus) for p in poses)
             last = poses[0], np.asarray(clean) / len(poses)
         light = 1.0 + camera.drift * t / camera.duration + 0.03 * rows
@@ -116,8 +116,3 @@ def _images(
         sigma = np.sqrt(camera.noise**2 + grey / camera.photons)
         noisy = grey + sigma * generator.standard_normal(grey.shape)
         yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def _distance(a: Pose, b: Pose) -> float:
-    turn = 500.0 * abs(a.rotation - b.rotation)  # px at the far end of the image
-    return abs(a.dx - b.dx) + abs(a.dy - b.dy) + turn

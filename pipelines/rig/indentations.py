@@ -150,8 +150,8 @@ def record_parts(
             "Fz, N": -force,  # a six-axis cell counts compression negative
         }
         dividers = (force.size,) if part.function == "Stress Relaxation" else ()
-        begun, options = start + timedelta(seconds=begin), {"load_cell": CELL, "dividers": dividers}
-        blocks.append(make_block(part.function, begun, columns, part.parameters, **options))
+        given = part.function, start + timedelta(seconds=begin), columns, part.parameters
+        blocks.append(make_block(*given, load_cell=CELL, dividers=dividers))
     mach1.write(folder / f"mach1/{name}.txt", assemble(blocks))
     return pieces
 

@@ -6,13 +6,12 @@ the analysis fits a damped oscillation to its readings.
 
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
-from pipelines.rig.drops import Drop, drop_once, write_recordings
+from pipelines.rig.drops import drop_once, write_recordings
 from pipelines.rig.fall import DropRig
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory
@@ -63,20 +62,17 @@ def write_ringing(
     Parameters as for :func:`pipelines.rig.drops.write_drops`.
     """
     solid = specimen_of(material)
-    drops = (drop_once(rig, solid, height, seed + repeat, floor_at) for repeat in range(repeats))
-    recorded = ((drop.readings, _truth(drop, rig)) for drop in drops)
-    return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)
-
-
-def _truth(drop: Drop, rig: DropRig) -> dict[str, Any]:
-    amplitude, blow = true_ringing(drop.trajectory, rig.floor)
-    return {
+    known = {
         "mass": rig.floor.mass,
         "natural_frequency": rig.floor.frequency,
         "damping_ratio": rig.floor.damping_ratio,
-        "amplitude": amplitude,
-        "blow_time": drop.release + blow,
-        "height": drop.height,
         "inclination": rig.sensor.inclination,
         "noise": rig.sensor.noise,
     }
+    recorded = []
+    for repeat in range(repeats):
+        drop = drop_once(rig, solid, height, seed + repeat, floor_at)
+        amplitude, blow = true_ringing(drop.trajectory, rig.floor)
+        truth = known | {"amplitude": amplitude, "blow_time": drop.release + blow, "height": drop.height}
+        recorded.append((drop.readings, truth))
+    return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)

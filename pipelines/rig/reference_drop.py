@@ -74,7 +74,6 @@ class Springs:
     (time,) is 0 in flight; ``resolution`` is half the distance of two springs.
     """
 
-    time: Floats
     position: Floats
     displacement: Floats
     approach: Floats
@@ -284,14 +283,17 @@ def reference_drop(
         if left and is_touch:
             liftoff.append(_lifted(times, record[:, 2]))
             outgoing.append(v + GRAVITY * (now - liftoff[-1]))
-            if snapshots is None:
-                u, history = _within_reach(u, history, max(_REACH * edge, gap_at_rest), gap)
-    springs = None
-    if asked.size:
-        if len(shots) != asked.size:
-            raise InputError(f"{asked.size} states were requested, {len(shots)} lie in the simulated time")
-        springs = Springs(asked, position, *map(np.array, zip(*shots, strict=True)), 0.5 * width)
-    return Trajectory(*np.concatenate(pieces).T, *map(np.array, (touch, liftoff, incoming, outgoing)), springs)
+            # Springs that no later, slower impact reaches bear nothing, and would cost as much as those in it.
+            count = int(np.searchsorted(gap, max(_REACH * edge, gap_at_rest), side="right"))
+            if not asked.size and count < _FEWER * u.size:
+                u, history = u[:count].copy(), copy_of(history, count)
+    if len(shots) != asked.size:
+        raise InputError(f"{asked.size} states were requested, {len(shots)} lie in the simulated time")
+    seen = [np.array(part) for part in zip(*shots, strict=True)]
+    springs = Springs(position, seen[0], seen[1], seen[2], 0.5 * width) if seen else None
+    return Trajectory(  # type: ignore[call-arg]  # six columns
+        *np.concatenate(pieces).T, np.array(touch), np.array(liftoff), np.array(incoming), np.array(outgoing), springs
+    )
 
 
 def _in_contact(
@@ -315,12 +317,6 @@ def _lifted(time: Floats, force: Floats) -> float:
         return float(time[-1])
     before, after = force[last - 1 : last + 1] ** (2 / 3)
     return float(min(time[last] + (time[last] - time[last - 1]) * after / (before - after), time[-1]))
-
-
-def _within_reach(u: Floats, history: History, reach: float, gap: Floats) -> tuple[Floats, History]:
-    """Forget springs that no later, slower impact reaches; they bear nothing, and would cost as much as those in it."""
-    count = int(np.searchsorted(gap, reach, side="right"))
-    return (u[:count].copy(), copy_of(history, count)) if count < _FEWER * u.size else (u, history)
 
 
 def _deepest(

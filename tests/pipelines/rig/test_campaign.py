@@ -40,14 +40,14 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def one(pattern: str) -> object:
         return lambda folder, name, *rest: touched(folder, pattern.format(name))[0]
 
-    def rubber(folder: Path, *rest: object) -> tuple[list[str], str]:
+    def rubber(folder: Path, *rest: object) -> str:
         specimen = Specimen.__new__(Specimen)  # its sections need the shape alone
         for field, value in (("tip_radius", 2e-3), ("period", 8e-3), ("depth", 6e-3), ("tips", 3)):
             object.__setattr__(specimen, field, value)
         names = touched(folder, "mach1/nbr_relaxation.txt", "mach1/nbr_harmonic.txt")
         touched(folder, "calibration/load_cell.toml")
         text = relaxation_section("nbr_relaxation", names[:1], specimen)
-        return names, text + oscillation_section("nbr_harmonic", specimen)
+        return text + oscillation_section("nbr_harmonic", specimen)
 
     monkeypatch.setattr(campaign, "write_drops", drops)
     monkeypatch.setattr(plate_session, "write_ringing", ringing)
