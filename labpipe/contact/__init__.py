@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from labpipe.contact.line import (
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,
-        dissipation_map as dissipation_map,
         dynamic_stiffness as dynamic_stiffness,
         indent as indent,
         indent_load as indent_load,

@@ -274,8 +274,11 @@ class _Motion:
                 self._fall(now, x - sag, 0.0, duration, 0.0)
                 return
             first = len(self.phases)
-            self._contact(now, x, v, duration)
-            self._end_row(v, self.phases[first:])
+            lift, lifted_at, rebound = self._contact(now, x, v, duration)
+            samples = [phase.motion(phase.grid()) for phase in self.phases[first:]]
+            moved, force = (np.concatenate([sample[i] for sample in samples]) for i in (0, 2))
+            lost = self.mass * (0.5 * (v**2 - rebound**2) + g * (x - lifted_at))
+            self.rows.append((now, lift - now, -v, rebound, force.max(), -moved.min(), self.permanent, lost))
             now, (x, v) = self.phases[-1].end, self.phases[-1].last()
 
     def force(self, x: float, v: float, dent: tuple[float, float], *, loading: bool) -> float:
@@ -298,12 +301,11 @@ class _Motion:
 
         self.phases.append(_Phase(now, end, motion, self.permanent, is_contact=push > 0.0))
 
-    def _contact(self, now: float, x: float, v: float, end: float) -> None:
-        """Follow one contact, and the dent that it leaves."""
-        can_leave = True
+    def _contact(self, now: float, x: float, v: float, end: float) -> tuple[float, float, float]:
+        """Follow one contact and the dent that it leaves; return when the force ended, x and v then, NaN if never."""
         while True:
             loading = v < 0.0
-            phase, reason = self._integrate(now, x, v, end, loading=loading, can_leave=can_leave)
+            phase, reason, released = self._integrate(now, x, v, end, loading=loading)
             now, (x, v) = phase.end, phase.last()
             if reason == "turned" and loading:
                 v = 0.0
@@ -313,27 +315,24 @@ class _Motion:
                     plastic = self.deepest - (self.deepest - plastic) * self.multiplier ** (-2.0 / 3.0)
                 self.permanent = max(self.permanent, plastic)
             self.phases.append(phase._replace(permanent=self.permanent))
-            if reason == "released":
-                # Free of force while still in its dent: it leaves if its speed carries it out.
-                if v**2 > -2.0 * self.gravity * (x + self.permanent):
-                    return
-                can_leave = False
-            if reason in ("left", "end"):
-                return
-            if reason == "turned":
-                dent = self.deepest, self.permanent
-                forces = np.array([self.force(x, 0.0, dent, loading=way) for way in (True, False)])
-                # At a turn either law carries the weight closely enough to be at rest.
-                if np.all(np.abs(forces / (self.mass * self.gravity) - 1.0) < 1.5 * _REST_SHARE):
-                    self._fall(now, x, 0.0, end, 0.0)
-                    return
-                if not loading:  # it turns downwards without having left: it may come to rest here
-                    v = -np.finfo(float).tiny
+            if reason == "left":
+                return released
+            # At a turn either law may carry the weight closely enough to be at rest.
+            forces = np.array(
+                [self.force(x, 0.0, (self.deepest, self.permanent), loading=way) for way in (True, False)]
+            )
+            is_resting = np.all(np.abs(forces / (self.mass * self.gravity) - 1.0) < 1.5 * _REST_SHARE)
+            if reason == "turned" and is_resting:
+                self._fall(now, x, 0.0, end, 0.0)
+            if reason == "end" or is_resting:
+                return np.nan, np.nan, np.nan
+            if not loading:  # it turns downwards without having left: it may come to rest here
+                v = -np.finfo(float).tiny
 
     def _integrate(
-        self, now: float, x: float, v: float, end: float, *, loading: bool, can_leave: bool
-    ) -> tuple[_Phase, str]:
-        """Follow the contact until its speed turns, it leaves, its force is gone or the time is over."""
+        self, now: float, x: float, v: float, end: float, *, loading: bool
+    ) -> tuple[_Phase, str, tuple[float, float, float]]:
+        """Follow the contact until its speed turns, it leaves or the time is over; say when the force ended too."""
         dent = _, permanent = self.deepest, self.permanent
 
         def unclipped(state: Floats) -> float:
@@ -354,9 +353,11 @@ class _Motion:
             elastic = max(float(-state[0]) - permanent, 0.0)
             return self.stiffness * self.multiplier * elastic - self.damping * float(state[1])
 
-        events = [turned, left, released] if can_leave and not loading else [turned, left]
-        for event, direction in zip(events, (1.0 if loading else -1.0, -1.0, -1.0), strict=False):
-            event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
+        events = [turned, left, released]
+        for event, is_last, direction in zip(
+            events, (True, True, False), (1.0 if loading else -1.0, -1.0, -1.0), strict=True
+        ):
+            event.terminal, event.direction = is_last, direction  # type: ignore[attr-defined]
         scale = np.array([max(abs(x), self.rest_speed**2 / self.gravity), abs(v) + self.rest_speed])
         # Time counts from the touch, so that a long fall before it costs no digits.
         span, tolerance = (0.0, end - now), {"rtol": self.rtol, "atol": self.rtol * scale}
@@ -375,17 +376,10 @@ class _Motion:
             force = np.array([max(unclipped(state), 0.0) for state in states])
             return states[:, 0], states[:, 1], force
 
-        found = [event.__name__ for event, at in zip(events, solution.t_events, strict=True) if at.size]
         phase = _Phase(now, now + float(solution.t[-1]), motion, permanent, is_contact=True)
-        return phase, found[0] if found else "end"
-
-    def _end_row(self, speed: float, phases: list[_Phase]) -> None:
-        samples = [phase.motion(phase.grid()) for phase in phases]
-        x, velocity, force = (np.concatenate(column) for column in zip(*samples, strict=True))
-        start, lift = phases[0].start, phases[-1].end
-        # The contact ends where the force does; what is still in contact at the end does not.
-        has_left = velocity[-1] > 0.0 and force[-1] <= 1e-9 * force.max()
-        rebound = float(velocity[-1]) if has_left else np.nan
-        lost = self.mass * (0.5 * (speed**2 - rebound**2) + self.gravity * (x[0] - x[-1]))
-        lasts = lift - start if has_left else np.nan
-        self.rows.append((start, lasts, -speed, rebound, force.max(), -x.min(), self.permanent, lost))
+        free = (phase.end, *phase.last())
+        if solution.t_events[2].size and not loading:
+            height, speed = solution.y_events[2][-1].tolist()
+            free = now + float(solution.t_events[2][-1]), height, speed
+        found = [event.__name__ for event, at in zip(events[:2], solution.t_events, strict=False) if at.size]
+        return phase, found[0] if found else "end", free

@@ -34,8 +34,8 @@ _STEP_SHARE = 8.0
 def room_for(n_springs: int, n_elements: int) -> Room:
     """Springs that never carried a load, and room for their steps."""
     memories = np.zeros((2, n_elements, n_springs))
-    rows, weights, motions = np.zeros((8, n_springs)), np.zeros((2, 3, n_elements)), np.zeros((4, 6))
-    return Room(rows[0], rows[1], memories[0], memories[1], *rows[2:], *weights, *motions)
+    rows, weights, motions = np.zeros((7, n_springs)), np.zeros((2, 3, n_elements)), np.zeros((4, 6))
+    return Room(rows[0], *memories, *rows[1:], *weights, *motions)
 
 
 @dataclass(slots=True)

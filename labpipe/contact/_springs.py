@@ -203,9 +203,7 @@ def _smooth_edge_force(bed: SpringBed, threshold: Floats, displacement: float, t
 def _share(bed: SpringBed, threshold: Floats, displacement: float, touched: int, shrinks: bool) -> float:
     """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
 
-    While the contact grows, the springs outside tell (those inside have just begun to relax,
-    at different rates); while it shrinks, the springs inside do (those outside have just begun
-    to recover).
+    It follows from the springs outside while the contact grows, and from those inside while it shrinks.
     """
     inside, outside = touched - 1, touched
     cell = bed.gap[outside] - bed.gap[inside]

@@ -40,14 +40,13 @@ _FAST = {"reassoc", "contract", "nsz"}  # sums in any order
 class Room(NamedTuple):
     """State of the springs, and room for a step.
 
-    (spring,): ``load`` [Pa], ``displacement`` [m], ``whole``, ``middle`` and ``end`` loads of a step, ``past`` and its
+    (spring,): ``load`` [Pa], ``whole``, ``middle`` and ``end`` loads of a step, ``past`` and its
     successors the displacements that touch each spring then; ``memory`` (element, spring) [m] with ``halfway``;
     ``one``, ``half`` (3, element): weights of the memory, and of the old and the new load; (6,): motion of sphere
     and plate, displacement, velocity and acceleration of each.
     """
 
     load: Floats
-    displacement: Floats
     memory: Floats
     halfway: Floats
     whole: Floats
@@ -144,35 +143,37 @@ def look_ahead(gap: Floats, weights: Floats, late: float, memory: Floats, load: 
 @lean(fastmath=_FAST)
 def advance(
     bed: SpringBed, law: Elements, dt: float, weights: Floats, memory: Floats, load: Floats, new: Floats, out: Floats
-) -> tuple[float, float]:
-    """Write the memory at the end of a step; return its heat, exact, and the energy then held.
+) -> tuple[float, float, float]:
+    """Write the memory at the end of a step; return the energy then held, and the work, exact and by trapezoids.
 
-    Every element is a dashpot of viscosity 1/flow, whose speed relaxes from its first value to that under the load.
+    A load q that is linear in the step does the work ∫ q dw = [q w] − q' ∫ w dt, where rate ∫ w dt = flow ∫ q dt − [w].
     """
-    heat = held = 0.0
-    for k in range(law.rate.size):
-        x, flow, rate = law.rate[k] * dt, law.flow[k], law.rate[k]
-        kept, early, late = weights[0, k], weights[1, k], weights[2, k]
-        lags = crossed = rises = kelvin = 0.0
-        for j in range(load.size):
-            old, rise = load[j], new[j] - load[j]
-            lag = flow * old - rate * memory[k, j]
-            w = kept * memory[k, j] + early * old + late * new[j]
-            out[k, j] = w
-            stiffness = bed.stiffness[j]
-            lags += stiffness * lag * lag
-            crossed += stiffness * lag * rise
-            rises += stiffness * rise * rise
-            kelvin += stiffness * w * w
-        mean, twice = means(x)[0], means(2.0 * x)[0]
-        square = 1.0 / 3.0 - x * (0.25 - x * (7.0 / 60.0 - x * (1.0 / 24.0 - x * 31.0 / 2520.0)))
-        if x >= 0.05:
-            square = max(1.0 - 2.0 * mean + twice, 0.0) / x**2
-        heat += dt * max(twice * lags / flow + mean * mean * crossed + flow * square * rises, 0.0)
-        held += 0.5 * rate / flow * kelvin
+    held = exact = plain = swept = rises = 0.0
     for j in range(load.size):
-        held += 0.5 * law.instantaneous * bed.stiffness[j] * new[j] * new[j]
-    return heat, held
+        stiffness, rise = bed.stiffness[j], new[j] - load[j]
+        swept += stiffness * rise * (load[j] + new[j])
+        rises += stiffness * rise * rise
+        held += 0.5 * law.instantaneous * stiffness * new[j] * new[j]
+    for k in range(law.rate.size):
+        kept, early, late = weights[0, k], weights[1, k], weights[2, k]
+        pushed = turned = crossed = kelvin = 0.0
+        for j in range(load.size):
+            stiffness, rise, old = bed.stiffness[j], new[j] - load[j], memory[k, j]
+            w = kept * old + early * load[j] + late * new[j]
+            pushed += stiffness * (load[j] + new[j]) * (w - old)
+            turned += stiffness * rise * (w + old)
+            crossed += stiffness * rise * (w - old)
+            kelvin += stiffness * w * w
+            out[k, j] = w
+        x, flow = law.rate[k] * dt, law.flow[k] * dt
+        plain += 0.5 * pushed
+        if x < 0.05:  # the difference of two large terms, as a series
+            exact += (flow * rises - x * crossed) * (1.0 - x * x / 60.0) / 12.0
+        else:
+            exact += 0.5 * turned + (crossed - 0.5 * flow * swept) / x
+        held += 0.5 * law.rate[k] / law.flow[k] * kelvin
+    plain += 0.5 * law.instantaneous * swept
+    return held, plain + exact, plain
 
 
 @inner()
@@ -192,17 +193,6 @@ def move(body: Body, motion: Floats, dt: float, force: float, out: Floats) -> tu
         out[3], out[4] = reached + quarter * out[5], half + 0.5 * dt * out[5]
         answer += quarter / inertia
     return out[0] - out[3], answer
-
-
-@inner()
-def _blend(body: Body, room: Room, force: float) -> None:
-    """Fill in the motion at the end of a step, whose forces are in balance there."""
-    end, whole = room.end_motion, room.whole_motion
-    for i in range(6):
-        end[i] = (whole[i] + 2.0 * end[i]) / 3.0
-    end[2] = body.gravity - force / body.mass
-    if body.plate_mass > 0.0:
-        end[5] = (force - body.plate_damping * end[4] - body.plate_stiffness * end[3]) / body.plate_mass
 
 
 @inner()
@@ -272,41 +262,39 @@ def _pair(on: Springs, body: Body, control: int, dt: float, middle_goal: float, 
         alone = room.whole_motion[1]
         move(body, room.start_motion, dt, push, room.whole_motion)
         move(body, room.half_motion, 0.5 * dt, push, room.end_motion)
-        _blend(body, room, push)
-        error = abs(alone - room.end_motion[1])
+        end, whole = room.end_motion, room.whole_motion
+        for i in range(6):
+            end[i] = (whole[i] + 2.0 * end[i]) / 3.0
+        end[2] = body.gravity - push / body.mass  # forces are in balance at the end
+        if body.plate_mass > 0.0:
+            end[5] = (push - body.plate_damping * end[4] - body.plate_stiffness * end[3]) / body.plate_mass
+        error = abs(alone - end[1])
     return Step(touched, error, half_way, reached, push, width, blended)
 
 
 @inner()
-def _accept(on: Springs, dt: float, compliance: float, is_pair: bool) -> tuple[float, float, float]:
-    """Bring the springs to the end of a step; return the work on them (trapezoids), heat, and the energy held."""
+def _accept(on: Springs, dt: float, is_pair: bool) -> tuple[float, float, float]:
+    """Bring the springs to the end of a step; return as :func:`advance` does."""
     bed, law, room = on
-    work = heat = 0.0
     if is_pair:
         for j in range(bed.gap.size):
             room.middle[j] = (room.load[j] + 4.0 * room.middle[j] + room.end[j]) / 6.0
-        half = law.instantaneous + room.half[2].sum()
-        work += _pushed(bed, room, room.past_half, half, room.load, room.middle)
-        heat = advance(bed, law, 0.5 * dt, room.half, room.memory, room.load, room.middle, room.halfway)[0]
-        late, held = advance(bed, law, 0.5 * dt, room.half, room.halfway, room.middle, room.end, room.memory)
-        work += _pushed(bed, room, room.past_end, compliance, room.middle, room.end)
-        heat += late
+        _, early, first = advance(bed, law, 0.5 * dt, room.half, room.memory, room.load, room.middle, room.halfway)
+        held, late, second = advance(bed, law, 0.5 * dt, room.half, room.halfway, room.middle, room.end, room.memory)
+        work, plain = early + late, first + second
     else:
-        heat, held = advance(bed, law, dt, room.one, room.memory, room.load, room.end, room.memory)
-        work += _pushed(bed, room, room.past_end, compliance, room.load, room.end)
+        held, work, plain = advance(bed, law, dt, room.one, room.memory, room.load, room.end, room.memory)
     room.load[:] = room.end
-    return work, heat, held
+    return held, work, plain
 
 
 @inner()
-def _pushed(bed: SpringBed, room: Room, past: Floats, compliance: float, old: Floats, new: Floats) -> float:
-    """Bring the displacements to the end of a step; return the work on the springs."""
-    work = 0.0
-    for j in range(bed.gap.size):
-        after = past[j] - bed.gap[j] + compliance * new[j]
-        work += 0.5 * bed.stiffness[j] * (old[j] + new[j]) * (after - room.displacement[j])
-        room.displacement[j] = after
-    return work
+def _account(answer: Floats, energies: tuple[float, float, float]) -> None:
+    """Add work, heat and the energy held of a step to an answer (7,)."""
+    held, work, plain = energies
+    answer[3] += plain
+    answer[4] += max(work - (held - answer[5]), 0.0)
+    answer[5] = held
 
 
 @lean()
@@ -341,10 +329,8 @@ def cross(
         )
         if touched < 0:
             return touched
-        work, heat, held = _accept(on, length, compliance, False)
-        answer[0], answer[1], answer[2], answer[5] = displacement, force, width, held
-        answer[3] += work
-        answer[4] += heat
+        answer[0], answer[1], answer[2] = displacement, force, width
+        _account(answer, _accept(on, length, False))
         return DONE
     slope = (last - first) / length
     rigid, softest = law.instantaneous, scales[1]
@@ -385,10 +371,8 @@ def cross(
             step = dt * min(max(factor, _SHRINK), _MARGIN)
             continue
         counts[0] += 2
-        work, heat, held = _accept(on, dt, made.compliance, True)
-        answer[0], answer[1], answer[2], answer[5] = made.displacement, made.force, made.half_width, held
-        answer[3] += work
-        answer[4] += heat
+        answer[0], answer[1], answer[2] = made.displacement, made.force, made.half_width
+        _account(answer, _accept(on, dt, True))
         # A step cut short by the end of the interval says nothing against the longer one.
         step = max(dt * min(max(factor, _SHRINK), _GROW), step if is_last else 0.0)
         if is_last:
@@ -472,9 +456,9 @@ def swing(
             counts[1] += 1
             pace.dt = dt * min(max(factor, _SHRINK), _MARGIN)
             continue
-        _, heat, held = _accept(on, dt, made.compliance, True)
+        held, work, _ = _accept(on, dt, True)
         end = room.end_motion
-        now.spring_work += heat + held - now.stored
+        now.spring_work += work
         speed, halfway = (start[4], end[4]), room.half_motion[4]
         now.plate_loss += body.plate_damping * dt * (speed[0] ** 2 + 4.0 * halfway**2 + speed[1] ** 2) / 6.0
         start[:] = end

@@ -23,7 +23,7 @@ from math import ceil
 
 import numpy as np
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError
 
 #: Ring width [m] and time step [s] of the thesis.
@@ -62,40 +62,26 @@ class ThesisScheme:
         """Press to an approach [m] at step n; return the displacement (element,) [m] that the past leaves."""
         remembered = self.creep[n:0:-1] @ self.increments[:n]  # J((n - k) dt) falls on increment k = 0 ... n - 1
         past = np.asarray(self.matrix @ (remembered - self.creep[0] * self.pressure))
-        new = self._solved(approach - self.gap - past, self.pressure > 0.0)
-        self.work["history_products"] += n * self.gap.size
-        self.increments[n], self.pressure = new - self.pressure, new
-        return past
-
-    def _solved(self, overlap: Floats, active: Flags) -> Floats:
-        """Pressures (element,) that press an overlap (element,) [m] away."""
+        overlap = approach - self.gap - past
+        active = self.pressure > 0.0
         active = active if active.any() else overlap > 0.0
         # Rounding must not let an element on the edge enter and leave for ever.
         slack = 1e-12 * float(np.abs(overlap[np.isfinite(overlap)]).max())
         for _ in range(_MOST_SETS):
             self.work["active_set_solves"] += 1
-            pressure, inside = np.zeros(overlap.size), np.flatnonzero(active)
+            new, inside = np.zeros(overlap.size), np.flatnonzero(active)
             block = self.creep[0] * self.matrix[np.ix_(inside, inside)]
-            pressure[inside] = np.linalg.solve(block, overlap[inside])
-            left = overlap - self.creep[0] * (self.matrix @ pressure)
-            wanted = np.where(active, pressure > 0.0, left > slack)
+            new[inside] = np.linalg.solve(block, overlap[inside])
+            left = overlap - self.creep[0] * (self.matrix @ new)
+            wanted = np.where(active, new > 0.0, left > slack)
             if np.array_equal(wanted, active):
-                return pressure
+                break
             active = wanted
-        raise LabpipeError("the active set did not settle; choose another element width or time step")
-
-
-@dataclass(frozen=True, slots=True)
-class ThesisRun:
-    """Histories of a drop over time (time,), lengths downwards positive, and the work they took."""
-
-    time: Floats
-    position: Floats
-    velocity: Floats
-    force: Floats
-    contact_radius: Floats
-    reduced_gap: Floats
-    work: dict[str, int]
+        else:
+            raise LabpipeError("the active set did not settle; choose another element width or time step")
+        self.work["history_products"] += n * self.gap.size
+        self.increments[n], self.pressure = new - self.pressure, new
+        return past
 
 
 def drop_thesis(
@@ -107,19 +93,21 @@ def drop_thesis(
     duration: float,
     time_step: float,
     observe: Callable[[float], None] | None = None,
-) -> ThesisRun:
+) -> tuple[Floats, dict[str, int]]:
     """Follow a sphere from first touch in equal time steps.
 
     ``rings``: influence (ring, ring) [m], gap (ring,) [m] and width [m]; ``compliance``: contact creep compliance
     [1/Pa] of times [s]; ``speed`` [m/s] is that at first touch, from which ``duration`` [s] counts; ``mass`` [kg] may
-    include what the sphere carries. A contact that outgrows the rings raises LabpipeError.
+    include what the sphere carries. Returns (6, step + 1) time, position, velocity, force, contact radius and reduced
+    gap, lengths downwards positive, and the work done. A contact that outgrows the rings raises LabpipeError.
     """
     matrix, gap, width = rings
     steps = ceil(duration / time_step)
-    time = np.linspace(0.0, steps, steps + 1) * time_step
+    table = np.zeros((6, steps + 1))
+    time, position, velocity, force, contact, reduced_gap = table
+    time[:] = np.linspace(0.0, steps, steps + 1) * time_step
     scheme = ThesisScheme(matrix, gap, compliance(time))
     area = np.pi * width**2 * (2.0 * np.arange(gap.size) + 1.0)
-    position, velocity, force, contact, reduced_gap = np.zeros((5, steps + 1))
     velocity[0], acceleration, half = speed, gravity, 0.5 * time_step
     for n in range(1, steps + 1):
         position[n] = position[n - 1] + time_step * (velocity[n - 1] + half * acceleration)
@@ -134,4 +122,4 @@ def drop_thesis(
             raise LabpipeError("the contact outgrew the rings: choose a shorter time step")
         if observe is not None:
             observe(float(time[n]))
-    return ThesisRun(time, position, velocity, force, contact, reduced_gap, scheme.work)
+    return table, scheme.work

@@ -242,12 +242,9 @@ def laplace(rows: Floats) -> tuple[Floats, float]:
 
 
 def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | None:
-    """Return the discrepancy that brings chi square to its expected value; None where none is needed.
+    """Return the discrepancy (Mandel and Paule) that brings chi square to the degrees of freedom, None if none does.
 
     Autocorrelated residuals show one before they are large.
-
-    The discrepancy of Mandel and Paule: chi square over the widened deviations equals the degrees
-    of freedom.
     """
     power = float(np.sum((rest / u) ** 2))
     is_wavy = power > freedom and neighbours(rest / u) > 0.0

@@ -96,9 +96,8 @@ class Moduli:
 
     ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
     ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``prior_ln_storage``,
-    ``prior_ln_loss_factor`` (n,): Those of the prior. ``derivatives`` (2 n, parameter): Of the logarithms (storage,
-    then loss factor) of the fit by standard coordinates. ``data`` [Hz]: Lowest and highest frequency that the
-    observations cover.
+    ``prior_ln_loss_factor`` (n,): Those of the prior. ``data`` [Hz]: Lowest and highest frequency that the observations
+    cover.
     """
 
     frequency: Floats
@@ -108,7 +107,6 @@ class Moduli:
     u_ln_loss_factor: Floats
     prior_ln_storage: Floats
     prior_ln_loss_factor: Floats
-    derivatives: Floats
     data: tuple[float, float]
 
     @property
@@ -130,9 +128,7 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
 
     ``frequency`` (n,) [Hz].
     """
-    problem, xi = known.fit.problem, known.fit.xi
-    omega = 2.0 * np.pi * frequency
-    by_xi = ln_moduli(problem.spectrum, xi, omega)[1]
+    problem, omega = known.fit.problem, 2.0 * np.pi * frequency
     logarithms, u = known.averaged(lambda spectrum, at: ln_moduli(spectrum, at, omega))
     # Of the prior, half the width of the central 68 %, from draws that are the same every time.
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, problem.n_material))
@@ -149,7 +145,6 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
         u[half:],
         prior[0],
         prior[1],
-        by_xi,
         informative_range(known),
     )
 

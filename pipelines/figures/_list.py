@@ -1,6 +1,7 @@
 """The list of the thesis's figures: number, title, function that draws it, and its needs of a session."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 _HOME = "pipelines.figures"
 
@@ -57,13 +58,15 @@ _ACRYLIC_FILM = Need("contact_area", _FILM, "acrylic")
 _LOAD = ("approach", "steps", "model", "comparison")
 
 
-def _drawn(number: str, title: str, function: str, need: Need | None = None, *also: Need) -> Figure:
-    """Return a figure that a function of this package draws, such as ``chapter1:maxwell``."""
-    return Figure(number, title, f"{_HOME}.{function}", need, also=also)
+def _drawn(
+    number: str, title: str, function: str, need: Need | None = None, *also: Need, arguments: tuple[Any, ...] = ()
+) -> Figure:
+    """Return a figure that a function of this package draws, such as ``chapter1:polymer_classes``."""
+    return Figure(number, title, f"{_HOME}.{function}", need, also=also, arguments=arguments)
 
 
-def _springs(number: str, title: str, shows: str, *branches: str) -> Figure:
-    return replace(_drawn(number, title, "schematics:springs_and_dashpots"), arguments=(shows, *branches))
+def _springs(number: str, title: str, *shown: str) -> Figure:
+    return _drawn(number, title, "schematics:springs_and_dashpots", arguments=shown)
 
 
 def _photograph(number: str, title: str) -> Figure:
@@ -75,16 +78,15 @@ def _dma(material: str, *, is_optional: bool = True) -> Need:
     return Need("dma", ("master_curve",), material, is_optional)
 
 
-def _swept(number: str, material: str, word: str, printed_T_ref: float, *more: str | bool) -> Figure:
-    """Return a figure of a master curve, with the reference temperature [degC] of the printed caption."""
-    needed = _drawn(number, f"Master curve of {word}", "sweeps:master_curve", _dma(material, is_optional=False))
-    return replace(needed, arguments=(printed_T_ref, *more))
+def _swept(number: str, material: str, word: str, *arguments: str | float | bool) -> Figure:
+    """Return a figure of a master curve; its arguments begin with the printed reference temperature [degC]."""
+    need = _dma(material, is_optional=False)
+    return _drawn(number, f"Master curve of {word}", "sweeps:master_curve", need, arguments=arguments)
 
 
 def _dropped(number: str, material: str, word: str) -> Figure:
-    need = Need("ball_drop", _DROP, material)
-    needed = _drawn(number, f"{word[:1].upper()}{word[1:]} sphere from four heights", "drops:heights", need)
-    return replace(needed, arguments=(word,))
+    title, need = f"{word[:1].upper()}{word[1:]} sphere from four heights", Need("ball_drop", _DROP, material)
+    return _drawn(number, title, "drops:heights", need, arguments=(word,))
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -94,10 +96,10 @@ FIGURES: tuple[Figure, ...] = (
     _drawn("1.4", "Four classes of polymers", "chapter1:polymer_classes"),
     _drawn("1.5", "Glass transition by volume and molecules", "schematics:glass_transition"),
     _springs("1.6", "Maxwell element", "Maxwell element: spring E and dashpot mu in series, tau = mu/E.", " "),
-    _drawn("1.7", "Maxwell model", "chapter1:maxwell"),
+    _drawn("1.7", "Maxwell model", "chapter1:three_panels", arguments=("Maxwell",)),
     _springs("1.8", "Springs and dashpot of the linear solid",
              "Standard linear solid: spring E_0 in parallel with a Maxwell element E_1, mu_1.", "E_0", "_1"),
-    _drawn("1.9", "Standard linear solid", "chapter1:standard_linear_solid"),
+    _drawn("1.9", "Standard linear solid", "chapter1:three_panels", arguments=("standard",)),
     _springs("1.10", "Generalised Maxwell model",
              "Generalised Maxwell (Wiechert) model: spring E_0 in parallel with n Maxwell elements, tau_j = mu_j/E_j.",
              "E_0", "_1", "_2", "", "_n"),
@@ -121,7 +123,7 @@ FIGURES: tuple[Figure, ...] = (
     _swept("3.7", "ptfe", "PTFE", 20.031),
     _drawn("3.8", "Line of subsets on the falling holder", "subsets:falling_line",
            Need("dic_validation", ("track", "motion", "bounces", "keys"))),
-    _drawn("3.9", "Laser against image correlation", "films:laser_and_film",
+    _drawn("3.9", "Laser against image correlation", "subsets:laser_and_film",
            Need("dic_validation", ("bounces", "velocity", "comparison"))),
     _dropped("3.10", "acrylic", "acrylic"),
     _dropped("3.11", "nylon", "nylon"),
@@ -130,7 +132,7 @@ FIGURES: tuple[Figure, ...] = (
            Need("ball_drop", ("displacement", "bounces", "repeats"), "acrylic"), _ACRYLIC_FILM),
     _drawn("3.14", "Contact spots and simulated circles", "contacts:spots",
            Need("contact_area", (*_FILM, "keys"), "acrylic")),
-    _drawn("3.15", "Contact radius of the first impacts", "films:contact_radius",
+    _drawn("3.15", "Contact radius of the first impacts", "contacts:contact_radius",
            Need("contact_area", ("comparison", "model"), "acrylic")),
     _drawn("3.16", "Heated sphere against room temperature", "contacts:heated",
            Need("contact_area", (*_FILM, "keys"), "acrylic"),
@@ -141,7 +143,7 @@ FIGURES: tuple[Figure, ...] = (
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     _photograph("B.1a", "Laser on the plate"),
     _drawn("B.1b", "Vibration of the plate, qualitatively", "schematics:ringing_plate"),
-    _drawn("B.2", "Vibration of the plate", "vibration:plate_vibration",
+    _drawn("B.2", "Vibration of the plate", "drops:plate_vibration",
            Need("plate_vibration", ("table", "plate", "comparison"))),
     _drawn("C.1", "Displacement and contact radius at four heights", "contacts:four_heights",
            Need("ball_drop", ("repeats",), "acrylic"), _ACRYLIC_FILM),

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
@@ -173,8 +172,10 @@ def polymer_classes() -> Drawing:
     )
 
 
-def _three_panels(solid: Prony, creep_end: float) -> tuple[Figure, float]:
-    """Draw relaxation, creep and complex modulus; return the figure and the peak of the loss."""
+def three_panels(element: str) -> Drawing:
+    """Figures 1.7 and 1.9: relaxation, creep and complex modulus of a Maxwell element, or of the standard solid."""
+    is_maxwell = element == "Maxwell"
+    solid, creep_end = (Prony(0.0, [1.0], [1.0], nu=0.5), 5.0) if is_maxwell else (_ZENER, 25.0)
     t, unit = np.linspace(0.0, creep_end, 401), solid.E_unrelaxed
     with panels(1, 3, width=2, aspect=0.34) as (figure, axes):
         first, second, third = axes[0]
@@ -188,33 +189,18 @@ def _three_panels(solid: Prony, creep_end: float) -> tuple[Figure, float]:
         for name, place in zip("abc", axes[0], strict=True):
             letter(place, name)
         legend_above(figure, third)
-    return figure, peak
-
-
-def maxwell() -> Drawing:
-    """Figure 1.7: relaxation, creep and complex modulus of a Maxwell element."""
-    figure, peak = _three_panels(Prony(0.0, [1.0], [1.0], nu=0.5), 5.0)
-    return Drawing(
-        "Maxwell element with stiffness E and relaxation time tau = mu/E: (a) relaxation "
-        "modulus, (b) creep compliance, (c) complex modulus; E_inf = E.",
-        figure,
-        computed=(
+    if is_maxwell:
+        shows = "Maxwell element with stiffness E and relaxation time tau = mu/E: {}; E_inf = E."
+        computed = (
             "eqs. (1.33), (1.34), (1.36) as the special case of one term without equilibrium "
             f"modulus; the loss modulus peaks at {peak:.4f} E (closed form 0.5)."
-        ),
-    )
-
-
-def standard_linear_solid() -> Drawing:
-    """Figure 1.9: relaxation, creep and complex modulus of a standard linear solid."""
-    figure, _ = _three_panels(_ZENER, 25.0)
-    _, tau = _ZENER.creep_terms()
+        )
+    else:
+        shows = "Standard linear solid with E_inf/E_0 = beta = 10: {}."
+        computed = (
+            "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose retardation time is "
+            f"{solid.creep_terms()[1][0]:.6f} tau (beta tau = 10 tau by (1.40))."
+        )
     return Drawing(
-        "Standard linear solid with E_inf/E_0 = beta = 10: (a) relaxation modulus, (b) creep "
-        "compliance, (c) complex modulus.",
-        figure,
-        computed=(
-            "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose "
-            f"retardation time is {tau[0]:.6f} tau (beta tau = 10 tau by (1.40))."
-        ),
+        shows.format("(a) relaxation modulus, (b) creep compliance, (c) complex modulus"), figure, computed=computed
     )

@@ -77,23 +77,36 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
     rubber, origin, sweeps = solid_or_library(inputs, "nbr")
     frequency, amplitude = decades(-2, 10, 20), TIP_RADIUS * decades(-4, -1, 60)
     geometry = (_MEAN, TIP_RADIUS, PERIOD)
-    field = contact.dissipation_map(rubber, frequency, amplitude, *geometry, DEPTH)
     spots = np.array(_FRONT_FREQUENCIES)
     found = np.array([simulated_front(rubber, f) for f in spots])
     analytic = contact.tapping_amplitude(rubber, spots, *geometry)
     simulated = [_cycle(rubber, _AMPLITUDE, f)[1] for f in spots]
     x = dissipation.dimensionless_frequency(frequency, CHARACTERISTIC_TIME)
     x_spots = dissipation.dimensionless_frequency(spots, CHARACTERISTIC_TIME)
+
+    def scaled(joules: Any) -> Floats:
+        return dissipation.dimensionless_work(joules, rubber, TIP_RADIUS, PERIOD, DEPTH)
+
+    plane = (rubber, frequency, amplitude[:, None], *geometry, DEPTH)
+    decade = np.log10(scaled(contact.dissipated_work(*plane, beyond="nan")))
+    section = scaled(contact.dissipated_work(rubber, frequency, _AMPLITUDE, *geometry, DEPTH))
+    front = contact.tapping_amplitude(rubber, frequency, *geometry)
+    touching, points = front >= _AMPLITUDE, line_arguments("measured", style="points")
+    look = line_arguments("reference") | {"color": "black"}
     with panels(1, 2, width=2, aspect=0.42) as (figure, axes):
         first, second = axes[0]
-        _map_panel(figure, first, x, amplitude / TIP_RADIUS, field)
-        first.loglog(
-            x_spots, found / TIP_RADIUS, label="front, simulated", **line_arguments("measured", style="points")
-        )
-        _section_panel(second, x, frequency, rubber)
-        scale = (rubber, TIP_RADIUS, PERIOD, DEPTH)
-        work = dissipation.dimensionless_work(simulated, *scale)
-        second.loglog(x_spots, work, label="simulated", **line_arguments("measured", style="points"))
+        levels = np.arange(np.floor(np.nanmin(decade)), np.ceil(np.nanmax(decade)) + 0.5, 0.5)
+        shown = first.contourf(x, amplitude / TIP_RADIUS, decade, levels=levels, cmap="cividis")
+        figure.colorbar(shown, ax=first, label="work $\\log_{10}\\tilde W$ (1)").outline.set_linewidth(0.6)
+        first.loglog(x, front / TIP_RADIUS, label="front, eq. (2.34)", **line_arguments("model"))
+        first.loglog(x_spots, found / TIP_RADIUS, label="front, simulated", **points)
+        limits = (amplitude[0] / TIP_RADIUS, amplitude[-1] / TIP_RADIUS)
+        first.set(ylabel="amplitude $\\tilde\\alpha = \\alpha/R$ (1)", ylim=limits)
+        first.grid(visible=False)
+        second.loglog(x[touching], section[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"}))
+        second.loglog(x[~touching], section[~touching], label="eq. (2.31), tapping", **look)
+        second.loglog(x_spots, scaled(simulated), label="simulated", **points)
+        second.set(ylabel="work $\\tilde W$ (1)", ylim=(section.min() / 30, section.max() * 2))
         for name, place in zip("ab", axes[0], strict=True):
             letter(place, name)
             place.legend(loc="upper right" if name == "a" else "lower left")
@@ -119,29 +132,6 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
         ),
         **sweeps,
     )
-
-
-def _map_panel(figure: Any, axes: Any, x: Floats, y: Floats, field: Any) -> None:
-    work = np.log10(field["dimensionless_work"].values.T)
-    levels = np.arange(np.floor(np.nanmin(work)), np.ceil(np.nanmax(work)) + 0.5, 0.5)
-    shown = axes.contourf(x, y, work, levels=levels, cmap="cividis")
-    bar = figure.colorbar(shown, ax=axes, label="work $\\log_{10}\\tilde W$ (1)")
-    bar.outline.set_linewidth(0.6)
-    front = field["tapping_amplitude"].values / TIP_RADIUS
-    axes.loglog(x, front, label="front, eq. (2.34)", **line_arguments("model"))
-    axes.set(ylabel="amplitude $\\tilde\\alpha = \\alpha/R$ (1)", ylim=(y[0], y[-1]))
-    axes.grid(visible=False)
-
-
-def _section_panel(axes: Any, x: Floats, frequency: Floats, rubber: Prony) -> None:
-    geometry = (_MEAN, TIP_RADIUS, PERIOD)
-    work = contact.dissipated_work(rubber, frequency, _AMPLITUDE, *geometry, DEPTH)
-    scaled = dissipation.dimensionless_work(work, rubber, TIP_RADIUS, PERIOD, DEPTH)
-    touching = contact.tapping_amplitude(rubber, frequency, *geometry) >= _AMPLITUDE
-    look = line_arguments("reference") | {"color": "black"}
-    axes.loglog(x[touching], scaled[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"}))
-    axes.loglog(x[~touching], scaled[~touching], label="eq. (2.31), tapping", **look)
-    axes.set(ylabel="work $\\tilde W$ (1)", ylim=(scaled.min() / 30, scaled.max() * 2))
 
 
 def tapping_cycle(inputs: Inputs | None) -> Drawing:

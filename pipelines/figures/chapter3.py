@@ -13,7 +13,6 @@ from pipelines.figures.inputs import Inputs, solid_or_library
 SPHERE_RADIUS, MASS, GRAVITY = 9.525e-3, 0.505, 9.81
 HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
 
-_SHOWN_IMPACTS = 3
 _DURATION = 3.2  # s from the release, until the sphere has come to rest
 _AFTER_LIFT_OFF = 1e-4  # s
 
@@ -40,11 +39,20 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
         radius.axhline(rest * 1e6, label="Hertz at rest", **line_arguments("reference"))
         radius.set(ylabel="contact radius $a$ (µm)", xlabel=gap.get_xlabel(), xlim=limits, ylim=(0, 950))
         radius.legend(loc="upper right")
-        peaks = _near_peaks(near, made)
-        for number in range(_SHOWN_IMPACTS):
-            start = (float(made["impact_time"][number]) - first) * 1e3
-            where, how = (start, peaks[number] * 1e6), {"textcoords": "offset points", "ha": "center", "fontsize": 7}
-            radius.annotate("I" * (number + 1), where, (0, 3), **how)
+        dashes = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
+        for number, dash in enumerate(dashes):
+            start, end = (float(made[f"{name}_time"][number]) for name in ("impact", "lift_off"))
+            inside = (made["time"].values >= start) & (made["time"].values <= end)
+            a, label = made["contact_radius"].values[inside] * 1e6, "I" * (number + 1)
+            since = (made["time"].values[inside] - made["time"].values[inside][np.argmax(a)]) * 1e3
+            near.plot(since, a, label=label, **line_arguments("measured", count=number) | {"linestyle": dash})
+            where, how = (
+                ((start - first) * 1e3, a.max()),
+                {"textcoords": "offset points", "ha": "center", "fontsize": 7},
+            )
+            radius.annotate(label, where, (0, 3), **how)
+        near.set(xlabel="time from largest radius $t_p$ (ms)", ylabel="contact radius $a$ (µm)", ylim=(0, 1150))
+        near.legend(loc="upper center", ncols=len(dashes))
         _sketch(sketch)
         letter(sketch, "b")
     dents = (made["reduced_gap"] + made["approach"]).values
@@ -69,27 +77,6 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
         ),
         **sweeps,
     )
-
-
-def _near_peaks(axes: Any, made: Any) -> list[float]:
-    """Draw the contact radius of the first impacts over the time from its largest value."""
-    time, radius = made["time"].values, made["contact_radius"].values
-    found = []
-    for number in range(_SHOWN_IMPACTS):
-        start = float(made["impact_time"][number])
-        inside = (time >= start) & (time <= float(made["lift_off_time"][number]))
-        peak = time[inside][np.argmax(radius[inside])]
-        found.append(float(radius[inside].max()))
-        axes.plot(
-            (time[inside] - peak) * 1e3,
-            radius[inside] * 1e6,
-            label="I" * (number + 1),
-            **line_arguments("measured", count=number) | {"linestyle": ("-", (0, (5, 2)), (0, (1.5, 1.5)))[number]},
-        )
-    axes.set(xlabel="time from largest radius $t_p$ (ms)", ylabel="contact radius $a$ (µm)")
-    axes.set_ylim(0, 1150)
-    axes.legend(loc="upper center", ncols=_SHOWN_IMPACTS)
-    return found
 
 
 def _sketch(axes: Any) -> None:

@@ -1,4 +1,4 @@
-"""Figures 3.13, 3.14, 3.16 and C.1: contact and motion, contact spots, the heated sphere."""
+"""Figures 3.13 to 3.16 and C.1: contact and motion, contact spots and radii, the heated sphere."""
 
 from itertools import pairwise
 from typing import Any
@@ -11,7 +11,6 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels, right_axis
-from pipelines.figures.films import AROUND_PEAK, around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of, with_u
 
 _IMPACTS = 3
@@ -23,14 +22,11 @@ _BEFORE = 25.0  # ms before first contact that are shown
 _RADIUS: dict[str, Any] = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
 _SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
 _LETTERS = "abcd"
+_AROUND_PEAK = 0.8  # ms on either side of the largest radius in which the model is drawn
 
 
 def _first_contact(inputs: Inputs, film: str) -> float:
-    """Return the time [s] of first contact on a film's clock; it falls between two frames.
-
-    The largest radius of the first impact is seen well; the simulation says how long after first
-    contact it comes.
-    """
+    """Return the time [s] of first contact on a film's clock, by the largest radius and the simulated time to it."""
     return float(inputs.result(film, "impacts")["peak_time"][0] - _rises(inputs, film)[0])
 
 
@@ -271,9 +267,9 @@ def _heated_impact(
     seen = made["since_peak"].values[inside] + float(made["time_shift"][number]) + late
     a, u = (made[n].values[inside] * 1e6 for n in ("film", "u_film"))
     place.errorbar(seen * 1e3, a, 2 * u, label=f"film, {label}", markersize=2.6, linestyle="none", capsize=1.5, **look)
-    since, radius = around_peak(model, float(made["model_peak_time"][number]))
+    since, radius = _around_peak(model, float(made["model_peak_time"][number]))
     place.plot(since + late * 1e3, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
-    place.set(xlim=(-AROUND_PEAK, AROUND_PEAK), ylim=(0, None))
+    place.set(xlim=(-_AROUND_PEAK, _AROUND_PEAK), ylim=(0, None))
 
 
 def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
@@ -305,3 +301,41 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> list[tuple[str, flo
     film, model = (1e6 * (warm[n] - cold[n]).values for n in ("peak_radius_film", "peak_radius_model"))
     u = 1e6 * np.hypot(cold["u_peak_radius_film"].values, warm["u_peak_radius_film"].values)
     return [("I" * (n + 1), float(film[n]), float(model[n]), float(u[n])) for n in range(_IMPACTS)]
+
+
+def contact_radius(inputs: Inputs) -> Drawing:
+    """Figure 3.15: contact radius of the first impacts at each height, film and model."""
+    chosen = dict(list(inputs.of_kind("contact_area").items())[:_MOST_HEIGHTS])
+    notes = []
+    shape: dict[str, Any] = {"aspect": 0.1 + 0.26 * len(chosen), "sharex": "all", "sharey": "row"}
+    with panels(len(chosen), _IMPACTS, width=2, **shape) as (figure, axes):
+        for row, (name, settings) in enumerate(chosen.items()):
+            made, height = inputs.result(name, "comparison"), f"{settings.height.value * 1e3:g} mm"
+            for number, place in enumerate(axes[row]):
+                inside = made["impact_number"].values == number + 1
+                t, a, u = (made[n].values[inside] for n in ("since_peak", "film", "u_film"))
+                points = line_arguments("measured", style="points") | {"capsize": 1.5}
+                place.errorbar(t * 1e3, a * 1e6, 2e6 * u, label=f"film, {inputs.origin}", **points)
+                peak = float(made["model_peak_time"][number])
+                place.plot(*_around_peak(inputs.result(name, "model"), peak), label="model", **line_arguments("model"))
+                place.set_ylim(bottom=0.0)
+                letter(place, _LETTERS[row], f"$h_0$ = {height}, {'I' * (number + 1)}")
+            gaps = [with_u(made, "peak_radius_difference", impact=number) for number in range(_IMPACTS)]
+            notes.append(f"{height}: {', '.join(gaps)} µm")
+        label_outside(axes, "time from largest radius $t_p$ (ms)", "contact radius (µm)")
+        legend_above(figure, axes[0, 0])
+    return Drawing(
+        "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius; "
+        "bars: two standard uncertainties.",
+        figure,
+        computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
+        **inputs.data_note("contact radius from the interference fringes of films."),
+    )
+
+
+def _around_peak(model: Any, peak: float) -> tuple[Floats, Floats]:
+    """Return the simulated contact around one largest radius at ``peak`` s: time in ms, radius in µm."""
+    since = (model["time"].values - peak) * 1e3
+    shown = np.abs(since) <= _AROUND_PEAK
+    radius = model["contact_radius"].values[shown] * 1e6
+    return since[shown], np.where(radius > 0, radius, np.nan)

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from labpipe.arrays import Floats
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs, with_u
@@ -14,6 +13,7 @@ _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 """Depth [m], peak and plateau force [N] of section 2.3.2."""
 
 _MOST_TESTS, _DRAWN_POINTS = 3, 400
+_GAP = 120.0  # µm between the circles of figure 3.17 (b)
 
 
 def relaxation(inputs: Inputs) -> Drawing:
@@ -86,9 +86,22 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1.1 * radii.max()))
         for mass, start, radius in zip(masses, edges, radii, strict=False):
             axes.text(max(start, edges[1]) + 0.8, radius - 95, f"{mass:g} kg", fontsize=7)
-        _creep_inset(axes, t, a / radii[held], model["contact_radius"].values * 1e6 / radii[held], raw)
+        inset = axes.inset_axes((0.42, 0.12, 0.55, 0.36))  # where the panel has room
+        over_hertz, thin = model["contact_radius"].values * 1e6 / radii[held], {"linewidth": 1.0}
+        inset.plot(t, a / radii[held], label="laser over Hertz", **raw)
+        inset.plot(t, over_hertz, label="viscoelastic over Hertz", **(line_arguments("model") | thin))
+        low = float(np.nanquantile(over_hertz, 0.02))
+        inset.set(ylim=(1.0 - 1.5 * (1.0 - low), 1.0), ylabel="$a/a_\\mathrm{Hertz}$")
+        inset.tick_params(labelsize=6)
+        inset.yaxis.label.set_size(7)
         letter(axes, "a")
-        _circles(circles, radii)
+        ends = np.cumsum(2.0 * radii + _GAP)
+        for x, radius in zip(ends - radii - _GAP, radii, strict=True):
+            circles.add_patch(Circle((x, 0.0), radius, facecolor="#cfe3f1", edgecolor="#0066a6"))
+            circles.text(x, 0.0, f"{radius:.0f}", ha="center", va="center", fontsize=7)
+        limits = {"xlim": (-_GAP, ends[-1]), "ylim": (-1.15 * radii.max(), 1.15 * radii.max())}
+        circles.set(**limits, aspect="equal", yticks=[], xlabel="width (µm)")
+        circles.grid(visible=False)
         letter(circles, "b")
         legend_above(figure, axes, columns=2)
     ours, gaps, u = (1e6 * made[n].values for n in ("radius_model", "radius_difference", "u_radius_difference"))
@@ -113,29 +126,3 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         ),
         **inputs.data_note(f"the laser's approach of {name}, a reading every few seconds."),
     )
-
-
-def _creep_inset(axes: Any, time: Floats, measured: Floats, model: Floats, raw: dict[str, Any]) -> None:
-    """Draw radius over Hertz's of the same load (time in min) where the panel has room."""
-    inset = axes.inset_axes((0.42, 0.12, 0.55, 0.36))
-    inset.plot(time, measured, label="laser over Hertz", **raw)
-    inset.plot(time, model, label="viscoelastic over Hertz", **(line_arguments("model") | {"linewidth": 1.0}))
-    low = float(np.nanquantile(model, 0.02))
-    inset.set(ylim=(1.0 - 1.5 * (1.0 - low), 1.0), ylabel="$a/a_\\mathrm{Hertz}$")
-    inset.tick_params(labelsize=6)
-    inset.yaxis.label.set_size(7)
-
-
-def _circles(axes: Any, radii: Floats) -> None:
-    """Draw the contact circles side by side, in µm."""
-    gap = 120.0
-    x = 0.0
-    for radius in radii:
-        x += radius
-        axes.add_patch(Circle((x, 0.0), radius, facecolor="#cfe3f1", edgecolor="#0066a6"))
-        axes.text(x, 0.0, f"{radius:.0f}", ha="center", va="center", fontsize=7)
-        x += radius + gap
-    axes.set(
-        xlim=(-gap, x), ylim=(-1.15 * radii.max(), 1.15 * radii.max()), aspect="equal", yticks=[], xlabel="width (µm)"
-    )
-    axes.grid(visible=False)

@@ -36,7 +36,14 @@ def glass_transition() -> Drawing:
         left.legend(loc="upper left")
         letter(left, "a")
         for place, pitch, name, word in ((axes[0, 1], 1.0, "b", "glass"), (axes[0, 2], 1.35, "c", "rubber")):
-            _molecules(place, pitch)
+            # discs on a shaken hexagonal lattice
+            shake = np.random.default_rng(5).normal(0.0, 0.12 * (pitch - 1.0) + 0.02, (144, 2))
+            row, column = np.divmod(np.arange(144), 12)
+            lattice = pitch * np.stack([column + 0.5 * (row % 2), row * np.sqrt(0.75)], axis=1)
+            for centre in lattice + shake:
+                place.add_patch(Circle(centre, 0.46, facecolor="#cfe3f1", edgecolor="#0066a6", linewidth=0.6))
+            place.set(xlim=(0.2, 8.2), ylim=(0.2, 8.2), aspect="equal", xticks=[], yticks=[])
+            place.grid(visible=False)
             letter(place, name, word)
     return Drawing(
         "(a) Specific volume over temperature with the change of slope at the glass transition, the glassy line "
@@ -44,17 +51,6 @@ def glass_transition() -> Drawing:
         figure,
         computed="two straight lines joined smoothly, slopes 0.06 and 0.16, illustrative.",
     )
-
-
-def _molecules(axes: Any, pitch: float) -> None:
-    """Draw discs on a shaken hexagonal lattice; a larger pitch is a looser packing."""
-    shake = np.random.default_rng(5).normal(0.0, 0.12 * (pitch - 1.0) + 0.02, (144, 2))
-    row, column = np.divmod(np.arange(144), 12)
-    lattice = pitch * np.stack([column + 0.5 * (row % 2), row * np.sqrt(0.75)], axis=1)
-    for centre in lattice + shake:
-        axes.add_patch(Circle(centre, 0.46, facecolor="#cfe3f1", edgecolor="#0066a6", linewidth=0.6))
-    axes.set(xlim=(0.2, 8.2), ylim=(0.2, 8.2), aspect="equal", xticks=[], yticks=[])
-    axes.grid(visible=False)
 
 
 def ruler_on_disc() -> Drawing:

@@ -34,6 +34,19 @@ _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
 _NU_STEP = 0.01  # by which Poisson's ratio of a polymer is commonly uncertain, where nothing is stated
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
+_METHOD = (
+    "Least squares in coordinates in which the prior is standard normal, from several "
+    "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
+    "correct the fast ones until convergence. Intervals follow from Laplace's approximation. The long-time "
+    "modulus is bounded by the modulus at the longest time of the data, and stated only where the data end in a "
+    "plateau. Assumptions about the spectrum: its "
+    "weight per decade of time is a random walk over the decades, in which a factor of ten per decade is two "
+    "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
+    "(uneven), each with a probability of one half before the data, and the curves are averages over "
+    "both with their probabilities after the data. Fit and unknowns are those of the more probable one. "
+    "Only E/(1 − ν²) is observed of a contact: Poisson's ratio is taken with the uncertainty that is stated of it."
+)
+
 
 def render(session: Session, found: Identified) -> str:
     """Return the page as HTML text."""
@@ -50,19 +63,13 @@ def render(session: Session, found: Identified) -> str:
         Section("Limits of the result", (KeyValues(rows), *map(Paragraph, further))),
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found, made)),
-        Section("Method", _method(found)),
+        Section("Method", (Paragraph(_METHOD, copyable=True),)),
     )
     return session_document(session, f"Identification: {found.material}", sections)
 
 
 def _percent(share: float) -> str:
-    """Write a share with two digits, and never as a power of ten.
-
-    Examples
-    --------
-    >>> _percent(0.9961), _percent(0.0123)
-    ('100 %', '1.2 %')
-    """
+    """Write a share with two digits, and never as a power of ten."""
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
@@ -259,27 +266,3 @@ def _unknowns(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
     titles = ("unknown", "meaning", "most probable", "95 % posterior", "95 % prior", "verdict")
     table = Table(tuple(map(Column, titles)), rows, sortable=False)
     return (table,)
-
-
-def _method(found: Identified) -> tuple[Block, ...]:
-    fit = found.known.fit
-    starts = ", ".join(f"{c:.4g}" for c in fit.costs_from_starts)
-    text = (
-        "Least squares in coordinates in which the prior is standard normal, from several "
-        "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
-        "correct the fast ones until convergence. Intervals follow from Laplace's approximation. The long-time "
-        "modulus is bounded by the modulus at the longest time of the data, and stated only where the data end in a "
-        "plateau. Assumptions about the spectrum: its "
-        "weight per decade of time is a random walk over the decades, in which a factor of ten per decade is two "
-        "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
-        "(uneven), each with a probability of one half before the data, and the curves are averages over "
-        "both with their probabilities after the data. Fit and unknowns are those of the more probable one. "
-        "Only E/(1 − ν²) is observed of a contact: Poisson's ratio is taken with the uncertainty that is stated of it."
-    )
-    rows = [
-        ("cost after each start", starts, "half the sum of squares; fits from a start end roughly"),
-        ("cost at the end", f"{fit.cost:.4g}", ""),
-        ("runs of all models", str(fit.evaluations), ""),
-        ("derivatives of all models", str(fit.differentiations), ""),
-    ]
-    return Paragraph(text, copyable=True), KeyValues(rows)

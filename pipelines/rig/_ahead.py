@@ -8,7 +8,7 @@ from labpipe.workflow.graph import imports_of
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session import STAGES
 
-DEMO_TITLE = "Demonstration (synthetic)"
+DEMO_TITLE = "Demonstration"
 _KINDS = ("dma", "ball_drop", "harmonic")
 _RECORDING, _COMPILER = "pipelines.rig.samples", "labpipe.compilation"
 
@@ -16,7 +16,7 @@ _RECORDING, _COMPILER = "pipelines.rig.samples", "labpipe.compilation"
 def holds_demo(folder: str | Path) -> bool:
     """Return whether a folder holds the demonstration: its session.toml says so in its title."""
     source = Path(folder) / FILE_NAME
-    return source.is_file() and f'title = "{DEMO_TITLE}"' in source.read_text("utf-8", "replace")
+    return source.is_file() and f'title = "{DEMO_TITLE} (synthetic)"' in source.read_text("utf-8", "replace")
 
 
 def record_elsewhere(folder: Path) -> None:

@@ -3,7 +3,6 @@
 Lines and edges are blurred boxes and steps, evaluated in closed form at every pixel.
 """
 
-import json
 from pathlib import Path
 
 import cv2
@@ -13,6 +12,7 @@ from scipy.special import erf
 
 from labpipe import files
 from labpipe.arrays import Floats
+from pipelines.rig.session_text import write_truth
 
 UNDER_SCALE = 461e3  # px per m, table D.1, under the disc
 HOLDER_PIXELS = 386.0  # table D.1: 30 mm of the holder in the front view
@@ -53,13 +53,12 @@ def write_calibration_images(folder: Path, seed: int = 71) -> list[str]:
         names.append(f"calibration/{name}.png")
         files.write_bytes(folder / names[-1], data.tobytes())
     truth = {
-        "synthetic": True,
         "tilt": tilts,
         "pixels_per_m_under": UNDER_SCALE,
         "graduation": _GRADUATION,
         "holder_pixels": HOLDER_PIXELS,
     }
-    files.write_text(folder / "truth/calibration_images.json", json.dumps(truth, indent=1) + "\n")
+    write_truth(folder, "calibration_images", truth)
     return names
 
 

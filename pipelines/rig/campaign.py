@@ -6,7 +6,7 @@ disc, at room temperature and heated; PTFE is loaded step by step; rubber is ind
 all five materials go through the rheometer. Independent recordings are written side by side.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import partial
@@ -183,38 +183,39 @@ class Part:
     write: Callable[[], str]
 
 
-def write_campaign(folder: Path, start: datetime, extent: Extent = THESIS, *, workers: int = 2) -> list[str]:
-    """Write a whole campaign that begins with a drop at ``start``; returns the names of its experiments.
+def write_campaign(
+    folder: Path,
+    start: datetime,
+    extent: Extent = THESIS,
+    *,
+    title: str = "Every experiment of the thesis",
+    only: Collection[str] = (),
+    workers: int = 2,
+) -> list[str]:
+    """Write a campaign that begins with a drop at ``start``; returns the names of its experiments.
 
-    Recordings are written side by side by some workers; the files do not depend on it.
+    ``only``: these experiments, by default all. Recordings are written side by side by some workers; the files do not
+    depend on it.
     """
-    parts = _parts(folder, start, extent)
+    parts = [part for part in _parts(folder, start, extent) if not only or set(part.names) & set(only)]
     tasks = {number: (part,) for number, part in enumerate(parts)}
     found: dict[int, str] = {}
     for number, section in side_by_side(choose(workers), f"{__name__}:written", tasks):
         if isinstance(section, Died):
             raise LabpipeError(f"recording {', '.join(parts[number].names)}: {section}; too little memory?")
         found[number] = section
-    sections = [found[number] for number in tasks]
-    if extent is not SMALL:
+    if extent is not SMALL and not only:
         write_calibration_images(folder)
-    _write_session(folder, sections, is_binned=extent.bursts is not None)
-    return [name for part in parts for name in part.names] + ["plate"]
+    sections = joined([found[number] for number in tasks])
+    session_text.write_session(folder, title, sections, is_binned=extent.bursts is not None)
+    return list(dict.fromkeys(name for part in parts for name in part.names))
 
 
-def _write_session(folder: Path, sections: list[str], *, is_binned: bool) -> None:
-    """Write the calibration records, and session.toml with the plate's drops under one head."""
-    plate = plate_section([text for text in sections if text.startswith(_DROPS)])
-    rest = [text for text in sections if not text.startswith(_DROPS)]
-    head = session_text.session_head("Every experiment of the thesis (synthetic)")
-    session_text.write_session(
-        folder,
-        head + plate + "".join(rest),
-        laser=session_text.laser_record(),
-        laser_plate=session_text.plate_laser_record(),
-        camera_front=session_text.front_record(),
-        camera_under=session_text.under_record(is_binned=is_binned),
-    )
+def joined(sections: list[str]) -> str:
+    """Return the sections as one text, with the plate's drops under one head before all others."""
+    drops = [text for text in sections if text.startswith(_DROPS)]
+    rest = "".join(text for text in sections if not text.startswith(_DROPS))
+    return (plate_section(drops) if drops else "") + rest
 
 
 def written(part: Part) -> str:
@@ -235,12 +236,14 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
             drops.append((material, height, None, seed, begun))
             if material in extent.ringing:
                 of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, begun + timedelta(days=5))
-                rings.append(Part((), partial(write_ringing_of, folder, *of)))
+                rings.append(Part(("plate",), partial(write_ringing_of, folder, *of)))
     drops.append(("acrylic", highest, HEATED, extent.seed + 9900, start + timedelta(days=10)))
     static = partial(record_static, folder, "ptfe_static", start + timedelta(days=12), extent.static, extent.seed)
+    punched = extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
+    rubber = partial(write_indentations, folder, start + timedelta(days=20), *punched)
     rheometer = partial(sweeps, folder, protocol=extent.dma, seed=extent.seed)
     return [
-        Part(("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)),
+        Part(("nbr_relaxation", "nbr_harmonic"), rubber),
         *(
             Part((f"{_name('acrylic', height, warm)}_film",), partial(_contact_film, folder, height, warm, extent))
             for height, warm in filmed
@@ -297,9 +300,3 @@ def _drops(
     recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
     source = session_text.from_dma(material, temperature)
     return session_text.drop_section(name, recordings, height, material, _ON_PLATE, source)
-
-
-def _indentations(folder: Path, start: datetime, extent: Extent) -> str:
-    return write_indentations(
-        folder, start, extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
-    )[1]

@@ -5,17 +5,14 @@ doi:10.1016/0032-3861(67)90021-3), which no finite sum of exponentials equals; t
 such sums, so it cannot be right by construction. Nothing here asks :mod:`labpipe.materials`.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from instruments import anton_paar
-from labpipe import files
 from labpipe.arrays import Floats
-from pipelines.rig.session_text import dma_name, dma_section
+from pipelines.rig.session_text import dma_name, dma_section, write_truth
 from pipelines.rig.solids import SOLIDS, Solid, truth_of_solid
 
 _DIGITS = 5  # of the export
@@ -88,8 +85,28 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, table))
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
     anton_paar.write(folder / f"dma/{name}.csv", intervals, project, _DIGITS)
-    text = json.dumps(_truth(solid, protocol) | {"scale": scale}, indent=1) + "\n"
-    files.write_text(folder / f"truth/{name}.json", text)
+    T = np.asarray(protocol.temperatures) + protocol.offset_temperature
+    shift = solid.log10_aT(T)
+    low, high = (np.log10(g(protocol.frequencies)) + g(shift) for g in (min, max))
+    reduced = np.logspace(low, high, 60)
+    curve = solid.modulus(reduced, np.full(reduced.size, solid.T_ref))
+    truth = truth_of_solid(solid) | {
+        "mode": solid.mode,
+        "T_ref": solid.T_ref,
+        "temperature": T.tolist(),
+        "log10_aT": shift.tolist(),
+        "frequency": reduced.tolist(),
+        "storage": curve.real.tolist(),
+        "loss": curve.imag.tolist(),
+        "u_storage": protocol.u_storage,
+        "u_loss": protocol.u_loss,
+        "delay": protocol.delay,
+        "law": {"energy": solid.energy, "kink": min(solid.kink, 1e3), "C1": solid.C1, "C2": solid.C2},
+        "softening": solid.softening,
+        "is_entropic": solid.is_entropic,
+        "scale": scale,
+    }
+    write_truth(folder, name, truth)
     return f"dma/{name}.csv"
 
 
@@ -101,29 +118,3 @@ def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN, seed: int = 0)
         export = write_dma(folder, name, solid, protocol, seed + 500 + list(SOLIDS).index(material))
         sections += dma_section(name, export, solid)
     return sections
-
-
-def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:
-    temperature = np.asarray(protocol.temperatures) + protocol.offset_temperature
-    shift = solid.log10_aT(temperature)
-    low = np.log10(min(protocol.frequencies)) + shift.min()
-    high = np.log10(max(protocol.frequencies)) + shift.max()
-    frequency = np.logspace(low, high, 60)
-    curve = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
-    return {
-        "synthetic": True,
-        **truth_of_solid(solid),
-        "mode": solid.mode,
-        "T_ref": solid.T_ref,
-        "temperature": temperature.tolist(),
-        "log10_aT": shift.tolist(),
-        "frequency": frequency.tolist(),
-        "storage": curve.real.tolist(),
-        "loss": curve.imag.tolist(),
-        "u_storage": protocol.u_storage,
-        "u_loss": protocol.u_loss,
-        "delay": protocol.delay,
-        "law": {"energy": solid.energy, "kink": min(solid.kink, 1e3), "C1": solid.C1, "C2": solid.C2},
-        "softening": solid.softening,
-        "is_entropic": solid.is_entropic,
-    }

@@ -1,24 +1,26 @@
 """A series of ball drops as the virtual rig records them, with true values."""
 
-import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from instruments import keyence
-from labpipe import files
 from labpipe.arrays import Floats
-from pipelines.rig.fall import DropRig, let_go
-from pipelines.rig.laser_sensor import record_drop
+from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.reference_drop import Trajectory
+from pipelines.rig.session_text import write_truth
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
+
+_MARGIN = 1e-3  # s by which the motion outlasts the record
 
 
 @dataclass(frozen=True, slots=True)
 class Drop:
-    """One recorded drop: readings in m and the motion that made them."""
+    """One recorded drop: readings in m, the motion that made them, its height, and the release in the record's time."""
 
     readings: Floats
     trajectory: Trajectory
@@ -26,13 +28,25 @@ class Drop:
     release: float
 
 
-def drop_once(rig: DropRig, material: Truth, height: float, seed: int) -> Drop:
-    """Drop a sphere once and record it; everything random comes from ``seed``."""
-    begun = let_go(rig, material, height, seed)
-    readings = record_drop(
-        begun.motion, rig.sensor, duration=rig.duration, release=begun.time, generator=begun.generator
-    )
-    return Drop(readings, begun.motion, begun.height, begun.time)
+def drop_once(
+    rig: DropRig,
+    material: Truth,
+    height: float,
+    seed: int,
+    seen: Callable[[Trajectory, Floats], Floats] = Trajectory.at,
+) -> Drop:
+    """Drop a sphere once and record what the sensor has ``seen`` over the times since the release, by default itself.
+
+    Everything random comes from ``seed``. The record begins any fraction of a cycle before the release.
+    """
+    generator, sensor = np.random.default_rng(seed), rig.sensor
+    true_height = height + generator.normal(0.0, rig.height_scatter)
+    release = rig.release + abs(generator.normal(0.0, rig.release_jitter))
+    body = Body(material, true_height, rig.radius, rig.mass, rig.floor, rig.disc)
+    motion = fall(body, rig.duration - release + _MARGIN)
+    time = np.arange(round(rig.duration / sensor.cycle), dtype=np.float64) * sensor.cycle
+    noise = generator.normal(0.0, sensor.noise, time.size)
+    return Drop(sensor.readings(seen(motion, time - release), noise), motion, true_height, release)
 
 
 def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
@@ -40,7 +54,6 @@ def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
     motion = drop.trajectory
     complete = len(motion.liftoff)
     return {
-        "synthetic": True,
         "height": drop.height,
         "release_time": drop.release,
         "first_contact_time": drop.release + float(motion.touch[0]),
@@ -90,6 +103,6 @@ def write_recordings(
         begun = start + timedelta(minutes=2 * repeat)
         recording = keyence.make_recording({1: readings}, cycle=rig.sensor.cycle, start=begun, decimals=decimals)
         keyence.write(folder / name, recording)
-        files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", json.dumps(truth, indent=1) + "\n")
+        write_truth(folder, f"{stem}_{repeat + 1}", truth)
         names.append(name)
     return names

@@ -1,4 +1,4 @@
-"""The falling body and the start of a drop, common to all synthetic recordings."""
+"""The falling body and the rig that drops it, common to all synthetic recordings."""
 
 from dataclasses import dataclass, field
 
@@ -8,8 +8,6 @@ from labpipe.arrays import Floats
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
 from pipelines.rig.solids import SAPPHIRE, Truth, solid_of
-
-_MARGIN = 1e-3  # s by which the motion outlasts the record
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +41,6 @@ class DropRig:
     disc: float = SAPPHIRE
 
 
-@dataclass(frozen=True, slots=True)
-class Release:
-    """One drop of a rig before it is recorded; ``time`` is that of the release in the record."""
-
-    height: float
-    time: float
-    motion: Trajectory
-    generator: np.random.Generator
-
-
 def fall(body: Body, duration: float, snapshots: Floats | None = None) -> Trajectory:
     """Return the reference motion of a body for ``duration`` s after release."""
     return reference_drop(
@@ -65,12 +53,3 @@ def fall(body: Body, duration: float, snapshots: Floats | None = None) -> Trajec
         snapshots=snapshots,
         disc=body.disc,
     )
-
-
-def let_go(rig: DropRig, material: Truth, height: float, seed: int) -> Release:
-    """Let a sphere of the rig fall; everything random comes from ``seed``."""
-    generator = np.random.default_rng(seed)
-    true_height = height + generator.normal(0.0, rig.height_scatter)
-    time = rig.release + abs(generator.normal(0.0, rig.release_jitter))
-    body = Body(material, true_height, rig.radius, rig.mass, rig.floor, rig.disc)
-    return Release(true_height, time, fall(body, rig.duration - time + _MARGIN), generator)

@@ -1,6 +1,5 @@
 """The front camera: a speckled holder that falls and bounces, written as a .cine."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments import phantom
-from labpipe import files
 from labpipe.arrays import Floats
 from pipelines.rig.reference_drop import Trajectory
 from pipelines.rig.speckle import Holder, Pose, draw, make_holder
@@ -50,6 +48,12 @@ class FrontCamera:
 FULL_SIZE = FrontCamera(rows=480, columns=1280, frame_rate=10_000, duration=0.9367, release=0.05, holder_width=1180.0)
 
 
+def film_recording(rate: int, exposure: float, view: str) -> phantom.Recording:
+    """Return the settings of a camera that says of itself that it is drawn."""
+    text, name = f"SYNTHETIC: drawn by labpipe's virtual rig, {view}", "labpipe virtual camera"
+    return phantom.Recording(rate, exposure, bits=8, trigger=TRIGGER, camera=name, description=text)
+
+
 def write_front_film(
     path: Path, trajectory: Trajectory, height: float, camera: FrontCamera, seed: int
 ) -> dict[str, Any]:
@@ -64,19 +68,11 @@ def write_front_film(
     fall = height / camera.pixel_size
     holder = make_holder(camera.rows, camera.columns, fall + 8, seed, camera.holder_width)
     shape = (count, camera.rows, camera.columns)
-    recording = phantom.Recording(
-        camera.frame_rate,
-        camera.exposure,
-        bits=8,
-        trigger=TRIGGER,
-        camera="labpipe virtual camera",
-        description="SYNTHETIC: drawn by labpipe's virtual rig, front view",
-    )
+    recording = film_recording(camera.frame_rate, camera.exposure, "front view")
     images = _images(holder, trajectory, height, camera, time, seed + 1)
     phantom.write(path, images, shape, time, recording)
     poses = [_pose(t, trajectory, height, camera) for t in time]
     return {
-        "synthetic": True,
         "view": "front",
         "pixel_size": camera.pixel_size,
         "release_time": camera.release,
@@ -88,11 +84,6 @@ def write_front_film(
         "dy": [round(p.dy, 6) for p in poses],
         "rotation": [round(p.rotation, 9) for p in poses],
     }
-
-
-def write_truth(path: Path, truth: dict[str, Any]) -> None:
-    """Write the true motion, where the analysis does not read."""
-    files.write_text(path, json.dumps(truth) + "\n")
 
 
 def _pose(time: float, trajectory: Trajectory, height: float, camera: FrontCamera) -> Pose:
@@ -117,7 +108,7 @@ def _images(
     last: tuple[Pose, Floats] | None = None
     for t in time:
         poses = [_pose(t + n, trajectory, height, camera) for n in nodes]
-        if last is None or _distance(last[0], poses[0]) > _STILL:
+        if last is None or poses[0].distance(last[0]) > _STILL:
             clean = sum(draw(holder, camera.rows, camera.columns, p, camera.defocus) for p in poses)
             last = poses[0], np.asarray(clean) / len(poses)
         light = 1.0 + camera.drift * t / camera.duration + 0.03 * rows
@@ -125,8 +116,3 @@ def _images(
         sigma = np.sqrt(camera.noise**2 + grey / camera.photons)
         noisy = grey + sigma * generator.standard_normal(grey.shape)
         yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def _distance(a: Pose, b: Pose) -> float:
-    turn = 500.0 * abs(a.rotation - b.rotation)  # px at the far end of the image
-    return abs(a.dx - b.dx) + abs(a.dy - b.dy) + turn

@@ -1,20 +1,15 @@
 """A synthetic session with films: the front view together with the laser, and the view under the disc."""
 
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from pipelines.rig import film_front, film_under
-from pipelines.rig.calibration_images import write_calibration_images
-from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig, fall
-from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
+from pipelines.rig.film_front import FrontCamera, write_front_film
 from pipelines.rig.film_under import UnderCamera, write_under_film
-from pipelines.rig.reference_drop import Floor
-from pipelines.rig.session_text import from_dma, from_library, height_name
+from pipelines.rig.session_text import from_library, height_name, write_truth
 from pipelines.rig.solids import specimen_of
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
@@ -52,7 +47,7 @@ def write_front(
     motion = fall(body, camera.duration - camera.release + 1e-3)
     name = f"film/{material}_front.cine"
     truth = write_front_film(folder / name, motion, height, camera, seed)
-    write_truth(folder / f"truth/{material}_front.json", truth)
+    write_truth(folder, f"{material}_front", truth, indent=None)
     return name
 
 
@@ -60,7 +55,7 @@ def write_under(folder: Path, stem: str, body: Body, camera: UnderCamera, time: 
     """Film a drop through the disc; returns the film's name in the session."""
     name = f"film/{stem}.cine"
     truth = write_under_film(folder / name, body, camera, time, seed)
-    write_truth(folder / f"truth/{stem}.json", truth)
+    write_truth(folder, stem, truth, indent=None)
     return name
 
 
@@ -78,23 +73,6 @@ def burst_times(body: Body, release: float, bursts: Bursts) -> Floats:
     last = touches[-1] + bursts.rest + _SLOW * np.arange(bursts.frames_at_rest)
     times = np.unique(np.concatenate([*pieces, slow[apart], last]).round(7))
     return np.asarray(times)
-
-
-def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tuple[list[str], str]:
-    """Write both films and the laser's drops, the first at ``start``; returns experiment names and their sections.
-
-    In full size films have 1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
-    """
-    laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), FRONT_HEIGHT, 3, 4711, start)
-    front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
-    under = film_under.FULL_SIZE if full_size else UnderCamera()
-    body = Body(specimen_of("acrylic"), UNDER_HEIGHT, floor=Floor())
-    times = FULL_TIMES if full_size else burst_times(body, under.release, Bursts())
-    front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
-    under_film = write_under(folder, "acrylic_under", body, under, times, 37)
-    write_calibration_images(folder)
-    sections = front_section(front_film, front) + under_section(under_film, source=from_dma("acrylic"))
-    return laser, sections
 
 
 def front_section(film: str, camera: FrontCamera, height: float = FRONT_HEIGHT) -> str:

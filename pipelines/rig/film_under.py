@@ -17,9 +17,8 @@ from scipy.ndimage import gaussian_filter
 
 from instruments import phantom
 from labpipe.arrays import Floats
-from labpipe.compilation import compiled
 from pipelines.rig.fall import Body, fall
-from pipelines.rig.film_front import TRIGGER
+from pipelines.rig.film_front import film_recording
 from pipelines.rig.reference_drop import Springs
 
 PIXEL_SIZE = 1e-3 / 461  # m, the thesis's view under the disc
@@ -62,26 +61,15 @@ def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, 
     """
     nodes, weights = np.polynomial.legendre.leggauss(camera.moments)
     moments = (time[:, None] - camera.release + 0.5 * camera.exposure * nodes).ravel()
-    held = int(np.count_nonzero(moments < 0))
-    motion = fall(body, float(moments[-1]) + 1e-4, moments[held:])
+    motion = fall(body, float(moments[-1]) + 1e-4, np.maximum(moments, 0.0))  # it is held until its release
     if motion.springs is None:
         raise RuntimeError("the reference handed out no springs")
-    states = _with_hold(motion.springs, held, body.height)
-    shape = (len(time), camera.rows, camera.columns)
-    rate = round(1 / float(np.min(np.diff(time))))
-    recording = phantom.Recording(
-        rate,
-        camera.exposure,
-        bits=8,
-        trigger=TRIGGER,
-        camera="labpipe virtual camera",
-        description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
-    )
+    states, shape = motion.springs, (len(time), camera.rows, camera.columns)
+    recording = film_recording(round(1 / float(np.min(np.diff(time)))), camera.exposure, "view under the disc")
     images = _images(states, body, camera, weights / 2, len(time), seed)
     phantom.write(path, images, shape, time, recording)
     radius = states.contact_radius.reshape(len(time), -1)
     return {
-        "synthetic": True,
         "view": "under",
         "pixel_size": camera.pixel_size,
         "wavelength": camera.wavelength,
@@ -94,19 +82,6 @@ def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, 
         "time": time.tolist(),
         "contact_radius": np.round(radius @ (weights / 2), 10).tolist(),
     }
-
-
-def _with_hold(springs: Springs, held: int, height: float) -> Springs:
-    """Put the moments before release, with relaxed springs, in front."""
-    rest = np.zeros((held, springs.position.size))
-    return Springs(
-        np.concatenate([np.full(held, np.nan), springs.time]),
-        springs.position,
-        np.concatenate([rest, springs.displacement]),
-        np.concatenate([np.full(held, -height), springs.approach]),
-        np.concatenate([np.zeros(held), springs.contact_radius]),
-        springs.resolution,
-    )
 
 
 def _centre(camera: UnderCamera) -> tuple[float, float]:
@@ -146,7 +121,16 @@ def _images(
     matrix = surface_matrix(springs.position, coarse)
     fine = np.arange(0.0, largest, _GRID)
     profile = fine**2 / (body.radius + np.sqrt(body.radius**2 - fine**2))  # of a sphere
-    light = _light(camera)
+    half = 0.5 * camera.columns  # light falls off towards the corners of the image's long side
+    across, down = np.arange(camera.columns) - half, np.arange(camera.rows)[:, None] - 0.5 * camera.rows
+    light = 1.0 - camera.vignette * (across**2 + down**2) / half**2
+    # Samples (row, in it, column, in it) of the radial table, spread over every pixel.
+    spread = (np.arange(camera.samples) + 0.5) / camera.samples - 0.5
+    x = (np.arange(camera.columns)[:, None] - x0 + spread) * camera.pixel_size / np.cos(camera.tilt)
+    y = (np.arange(camera.rows)[:, None] - y0 + spread) * camera.pixel_size
+    place = np.hypot(x, y[:, :, None, None]) / _GRID
+    inner = np.minimum(place.astype(np.int64), fine.size - 2)
+    share = np.minimum(place - inner, 1.0)
     for frame in range(count):
         table = np.zeros_like(fine)
         for k, weight in enumerate(weights):
@@ -154,49 +138,9 @@ def _images(
             dent = np.interp(fine, coarse, matrix @ springs.displacement[n])
             gap = np.maximum(profile - springs.approach[n] + dent, 0.0)
             table += weight * np.cos(4 * np.pi * gap / camera.wavelength + np.pi)
-        relative = _pixels(
-            table, _GRID, camera.rows, camera.columns, x0, y0, camera.pixel_size, np.cos(camera.tilt), camera.samples
-        )
+        relative = (table[inner] + share * (table[inner + 1] - table[inner])).mean(axis=(1, 3))
         grey = camera.mean * (1 + camera.visibility * relative) * light
         if camera.blur:
             grey = gaussian_filter(grey, camera.blur, mode="nearest")
         noisy = grey + camera.noise * generator.standard_normal(grey.shape)
         yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def _light(camera: UnderCamera) -> Floats:
-    """Illumination that falls off towards the corners of the image's long side."""
-    half = 0.5 * camera.columns
-    x = (np.arange(camera.columns) - half) / half
-    y = (np.arange(camera.rows)[:, None] - 0.5 * camera.rows) / half
-    return np.asarray(1.0 - camera.vignette * (x**2 + y**2))
-
-
-@compiled(error_model="numpy", no_cfunc_wrapper=True)
-def _pixels(
-    table: Floats,
-    grid: float,
-    rows: int,
-    columns: int,
-    x0: float,
-    y0: float,
-    size: float,
-    shortening: float,
-    samples: int,
-) -> Floats:
-    """Average the radial table over every pixel by samples x samples points."""
-    image = np.zeros((rows, columns))
-    last = len(table) - 2
-    for i in range(rows):
-        for j in range(columns):
-            total = 0.0
-            for p in range(samples):
-                y = (i - y0 + (p + 0.5) / samples - 0.5) * size
-                for q in range(samples):
-                    x = (j - x0 + (q + 0.5) / samples - 0.5) * size / shortening
-                    place = np.sqrt(x * x + y * y) / grid
-                    k = min(int(place), last)
-                    share = min(place - k, 1.0)
-                    total += table[k] + share * (table[k + 1] - table[k])
-            image[i, j] = total / (samples * samples)
-    return image

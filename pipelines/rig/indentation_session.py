@@ -5,9 +5,9 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from labpipe import files
-from pipelines.rig.indentations import TIP_RADIUS, Harmonic, Specimen, write_harmonic
+from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.relaxations import Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, from_dma, from_library
 from pipelines.rig.solids import specimen_of
 
@@ -62,15 +62,9 @@ mach1 = "mach1/{name}.txt"
 
 
 def write_indentations(
-    folder: Path,
-    start: datetime,
-    held: Relaxation,
-    oscillating: Harmonic,
-    tester: Tester = TESTER,
-    tip_radius: float = TIP_RADIUS,
-    seed: int = 0,
-) -> tuple[list[str], str]:
-    """Write recordings, truth and the cell's record; returns experiments and their sections, of the stated punch."""
+    folder: Path, start: datetime, held: Relaxation, oscillating: Harmonic, tester: Tester, tip_radius: float, seed: int
+) -> str:
+    """Write recordings, truth and the cell's record; returns the sections of both experiments, of the stated punch."""
     stated = Specimen(specimen_of(_MATERIAL))
     specimen = replace(stated, tip_radius=tip_radius)
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
@@ -78,5 +72,4 @@ def write_indentations(
     write_harmonic(folder, harmonic, specimen, oscillating, tester, seed + 80, start + timedelta(hours=3))
     files.write_text(folder / "calibration/load_cell.toml", cell_record())
     source = from_dma(_MATERIAL)
-    text = relaxation_section(relaxation, recordings, stated, source)
-    return [relaxation, harmonic], text + oscillation_section(harmonic, stated, source)
+    return relaxation_section(relaxation, recordings, stated, source) + oscillation_section(harmonic, stated, source)

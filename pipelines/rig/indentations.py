@@ -5,7 +5,6 @@ one Sinusoid block per frequency. The true force of the whole history comes from
 :mod:`pipelines.rig.reference_indentation`; nothing is computed block by block.
 """
 
-import json
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -15,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments import mach1
-from instruments.mach1 import Block, LoadCell, assemble, make_block
-from labpipe import files
+from instruments.mach1 import LoadCell, assemble, make_block
 from labpipe.arrays import Floats
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, Tester, approach, oscillation, ramp, record
 from pipelines.rig.reference_indentation import reference_indentation
+from pipelines.rig.session_text import write_truth
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 CELL = LoadCell("250N SN:0000000 (synthetic)", "Multiple-axis", 1.0, 0.0, steps={"Fz, N": 0.0125})
@@ -75,74 +74,50 @@ class Part:
 
 def approach_part() -> Part:
     """Return the approach from above the surface to slight contact."""
-    time, displacement = approach(-_AIR, _TOUCH, _APPROACH_SPEED)
-    return Part(
-        "Find Contact",
-        time,
-        displacement,
-        {
-            "Stage Axis": "Position (z)",
-            "Load Cell Axis": "Fz",
-            "Direction": "Positive",
-            "Contact Criteria, N": "0.0500",
-            "Stage Velocity, mm/s": "0.0500",
-            "Stage Limit, mm": "5.0000",
-            "Stage Repositioning": "None",
-            "Offset, mm": "0.0000",
-        },
-    )
+    settings = {
+        "Stage Axis": "Position (z)",
+        "Load Cell Axis": "Fz",
+        "Direction": "Positive",
+        "Contact Criteria, N": "0.0500",
+        "Stage Velocity, mm/s": "0.0500",
+        "Stage Limit, mm": "5.0000",
+        "Stage Repositioning": "None",
+        "Offset, mm": "0.0000",
+    }
+    return Part("Find Contact", *approach(-_AIR, _TOUCH, _APPROACH_SPEED), settings)
 
 
 def ramp_part(tester: Tester, depth: float, hold: float) -> Part:
     """Return the ramp from slight contact to a depth, and the hold there."""
-    time, displacement = ramp(tester, _TOUCH, depth, hold)
-    return Part(
-        "Stress Relaxation",
-        time,
-        displacement,
-        {
-            "Stage Axis": "Position (z)",
-            "Load Cell Axis": "Fz",
-            "Amplitude, mm": f"{(depth - _TOUCH) * 1e3:.4f}",
-            "Velocity, mm/s": "1.0000",
-            "Number of Ramp": "1",
-            "Stop based on": "Fixed Relaxation Time",
-            "Fixed Relaxation Time, s": f"{hold:.0f}",
-        },
-    )
-
-
-def _parts(protocol: Harmonic, tester: Tester) -> list[Part]:
-    parts = [approach_part(), ramp_part(tester, protocol.mean, protocol.hold)]
-    for frequency in protocol.frequencies:
-        time, displacement, real = oscillation(
-            tester, protocol.mean, protocol.amplitude, frequency, protocol.cycles, protocol.rest
-        )
-        parts.append(
-            Part(
-                "Sinusoid",
-                time,
-                displacement,
-                {
-                    "Stage Axis": "Position (z)",
-                    "Amplitude, mm": f"{protocol.amplitude * 1e3:.4f}",
-                    "Frequency, Hz": f"{frequency:.5f}",
-                    "Number of Cycles": str(protocol.cycles),
-                },
-                real,
-            )
-        )
-    return parts
+    settings = {
+        "Stage Axis": "Position (z)",
+        "Load Cell Axis": "Fz",
+        "Amplitude, mm": f"{(depth - _TOUCH) * 1e3:.4f}",
+        "Velocity, mm/s": "1.0000",
+        "Number of Ramp": "1",
+        "Stop based on": "Fixed Relaxation Time",
+        "Fixed Relaxation Time, s": f"{hold:.0f}",
+    }
+    return Part("Stress Relaxation", *ramp(tester, _TOUCH, depth, hold), settings)
 
 
 def write_harmonic(
     folder: Path, name: str, specimen: Specimen, protocol: Harmonic, tester: Tester, seed: int, start: datetime
 ) -> None:
     """Write one Mach-1 file and its truth."""
-    parts = _parts(protocol, tester)
+    parts = [approach_part(), ramp_part(tester, protocol.mean, protocol.hold)]
+    for frequency in protocol.frequencies:
+        asked = protocol.mean, protocol.amplitude, frequency, protocol.cycles, protocol.rest
+        time, displacement, real = oscillation(tester, *asked)
+        settings = {
+            "Stage Axis": "Position (z)",
+            "Amplitude, mm": f"{protocol.amplitude * 1e3:.4f}",
+            "Frequency, Hz": f"{frequency:.5f}",
+            "Number of Cycles": str(protocol.cycles),
+        }
+        parts.append(Part("Sinusoid", time, displacement, settings, real))
     pieces = record_parts(folder, name, specimen, parts, tester, seed, start)
     document: dict[str, Any] = {
-        "synthetic": True,
         "solid": truth_of_solid(solid_of(specimen.material)),
         "surface": specimen.surface,
         "mean": protocol.mean,
@@ -155,7 +130,7 @@ def write_harmonic(
             if part.frequency
         ],
     }
-    files.write_text(folder / f"truth/{name}.json", json.dumps(document, indent=1) + "\n")
+    write_truth(folder, name, document)
 
 
 def record_parts(
@@ -166,10 +141,17 @@ def record_parts(
     begins = np.cumsum([0.0] + [p.time[-1] + _SETTLE for p in parts[:-1]])
     ends = np.cumsum([p.time.size for p in parts])
     pieces = np.split(_force(specimen, parts, begins), ends[:-1])
-    blocks = [
-        _block(specimen, part, record(tester, piece, generator), start + timedelta(seconds=b))
-        for part, piece, b in zip(parts, pieces, begins.tolist(), strict=True)
-    ]
+    blocks = []
+    for part, piece, begin in zip(parts, pieces, begins.tolist(), strict=True):
+        force = record(tester, piece, generator)
+        columns = {
+            "Time, s": np.arange(force.size) / RATE,
+            "Position (z), mm": specimen.surface + part.displacement[::OVERSAMPLING],
+            "Fz, N": -force,  # a six-axis cell counts compression negative
+        }
+        dividers = (force.size,) if part.function == "Stress Relaxation" else ()
+        given = part.function, start + timedelta(seconds=begin), columns, part.parameters
+        blocks.append(make_block(*given, load_cell=CELL, dividers=dividers))
     mach1.write(folder / f"mach1/{name}.txt", assemble(blocks))
     return pieces
 
@@ -178,7 +160,9 @@ def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
     """Return the true force over all blocks, at every fine point."""
     time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
     displacement = np.concatenate([p.displacement for p in parts])
-    strides = [np.full(p.time.size, _stride(p.frequency)) for p in parts]
+    # Of the fine points of an oscillation one of so many is computed.
+    every = [max(1, int(RATE * OVERSAMPLING / (_PER_CYCLE * p.frequency))) if p.frequency else 1 for p in parts]
+    strides = [np.full(p.time.size, stride) for p, stride in zip(parts, every, strict=True)]
     kept = _where_it_matters(time, displacement, np.concatenate(strides))
     force, _ = reference_indentation(
         solid_of(specimen.material),
@@ -189,22 +173,6 @@ def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
         displacement=displacement[kept],
     )
     return np.interp(time, time[kept], force)
-
-
-def _block(specimen: Specimen, part: Part, written: Floats, start: datetime) -> Block:
-    """Make one block of the file; a six-axis cell counts compression negative."""
-    columns = {
-        "Time, s": np.arange(written.size) / RATE,
-        "Position (z), mm": specimen.surface + part.displacement[::OVERSAMPLING],
-        "Fz, N": -written,
-    }
-    dividers = (written.size,) if part.function == "Stress Relaxation" else ()
-    return make_block(part.function, start, columns, part.parameters, load_cell=CELL, dividers=dividers)
-
-
-def _stride(frequency: float) -> int:
-    """Return of how many fine points one is computed while the stage oscillates."""
-    return max(1, int(RATE * OVERSAMPLING / (_PER_CYCLE * frequency))) if frequency else 1
 
 
 def _where_it_matters(time: Floats, displacement: Floats, stride: NDArray[np.int64]) -> NDArray[np.int64]:

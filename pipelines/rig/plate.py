@@ -4,20 +4,18 @@ The plate's motion is that of the reference drop's own floor, which is stepped w
 the analysis fits a damped oscillation to its readings.
 """
 
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
-from pipelines.rig.drops import write_recordings
-from pipelines.rig.fall import DropRig, let_go
+from pipelines.rig.drops import drop_once, write_recordings
+from pipelines.rig.fall import DropRig
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory
-from pipelines.rig.solids import Truth, specimen_of
+from pipelines.rig.solids import specimen_of
 
 PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
 """A plate that rings by a few micrometres, as light as to be felt in the rebound."""
@@ -29,29 +27,6 @@ PLATE_RIG = DropRig(
     duration=0.2,
 )
 """The rig with the laser on the plate, close to the disc; the sensor averages and sees 0.3 µm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ring:
-    """One recorded drop: readings in m, and the true motion of the plate, in the record's time."""
-
-    readings: Floats
-    amplitude: float
-    blow_time: float
-    height: float
-
-
-def ring_once(rig: DropRig, material: Truth, height: float, seed: int) -> Ring:
-    """Drop a sphere once and record the plate; everything random comes from ``seed``."""
-    begun = let_go(rig, material, height, seed)
-    motion = begun.motion
-    time = np.arange(round(rig.duration / rig.sensor.cycle), dtype=np.float64) * rig.sensor.cycle
-    moved = floor_at(motion, time - begun.time)
-    along = moved * np.cos(rig.sensor.inclination) + rig.sensor.zero
-    noisy = along + begun.generator.normal(0.0, rig.sensor.noise, time.size)
-    amplitude, blow = true_ringing(motion, rig.floor)
-    readings = np.round(noisy / rig.sensor.step) * rig.sensor.step
-    return Ring(readings, amplitude, begun.time + blow, begun.height)
 
 
 def floor_at(motion: Trajectory, time: Floats) -> Floats:
@@ -87,20 +62,17 @@ def write_ringing(
     Parameters as for :func:`pipelines.rig.drops.write_drops`.
     """
     solid = specimen_of(material)
-    rings = (ring_once(rig, solid, height, seed + repeat) for repeat in range(repeats))
-    recorded = ((ring.readings, _truth(ring, rig)) for ring in rings)
-    return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)
-
-
-def _truth(ring: Ring, rig: DropRig) -> dict[str, Any]:
-    return {
-        "synthetic": True,
+    known = {
         "mass": rig.floor.mass,
         "natural_frequency": rig.floor.frequency,
         "damping_ratio": rig.floor.damping_ratio,
-        "amplitude": ring.amplitude,
-        "blow_time": ring.blow_time,
-        "height": ring.height,
         "inclination": rig.sensor.inclination,
         "noise": rig.sensor.noise,
     }
+    recorded = []
+    for repeat in range(repeats):
+        drop = drop_once(rig, solid, height, seed + repeat, floor_at)
+        amplitude, blow = true_ringing(drop.trajectory, rig.floor)
+        truth = known | {"amplitude": amplitude, "blow_time": drop.release + blow, "height": drop.height}
+        recorded.append((drop.readings, truth))
+    return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)

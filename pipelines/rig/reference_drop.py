@@ -43,7 +43,6 @@ _LATE, _LATE_STEPS, _SLOWEST = 0.5, 3.0, 3e-3
 """After so long [s], when nothing is compared any more, steps are three times as long, and grow as slow contacts last
 (speed^-1/5, down to so many m/s): a restitution still errs by less than 1e-4."""
 _REACH, _FEWER = 2.0, 0.9  # times its depth that a later contact may have; share of springs that is worth it
-_PRESSED = 1e-15  # m, rounding of the displacement of a pressed spring
 FLIGHT_GROWTH = 1.15  # ratio of successive recovery steps in flight; recovery is smooth in log t
 
 
@@ -54,6 +53,15 @@ class Floor:
     mass: float = np.inf
     frequency: float = 400.0
     damping_ratio: float = 0.03
+
+    def free(self, time: Floats, x: float, v: float) -> tuple[Floats, Floats]:
+        """Position and velocity after times without force, from a position and a velocity."""
+        omega = 2 * np.pi * self.frequency
+        rate, damped = self.damping_ratio * omega, omega * np.sqrt(1 - self.damping_ratio**2)
+        decay, cosine, sine = np.exp(-rate * time), np.cos(damped * time), np.sin(damped * time)
+        b = (v + rate * x) / damped
+        moved = decay * (x * cosine + b * sine)
+        return moved, -rate * moved + decay * damped * (b * cosine - x * sine)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +74,6 @@ class Springs:
     (time,) is 0 in flight; ``resolution`` is half the distance of two springs.
     """
 
-    time: Floats
     position: Floats
     displacement: Floats
     approach: Floats
@@ -110,62 +117,52 @@ class Trajectory:
 
 @lean()
 def _contact(
-    approach: float,
-    speed: float,
-    floor: float,
-    floor_speed: float,
+    start: tuple[float, float, float, float],
     u: Floats,
     history: History,
     begun: float,
     gap: Floats,
-    weight: Floats,
+    weight: float,
     mass: float,
-    gravity: float,
-    floor_mass: float,
-    floor_omega: float,
-    floor_zeta: float,
+    floor_law: tuple[float, float, float],
     grid: Floats,
     record: Floats,
     kept: NDArray[np.int64],
     states: Floats,
-    room: Floats,
     disc: float,
 ) -> tuple[int, bool]:
     """Integrate one contact; returns the number of steps and whether the sphere left.
 
-    ``grid`` are the times of the steps since the contact began at ``begun``. ``states`` receives
-    the springs after each of the steps ``kept`` (increasing). ``room`` (2, spring) is scratch.
+    ``start`` holds height and speed of the sphere and of the floor, whose law is mass, angular frequency and damping
+    ratio; ``grid`` are the times of the steps since the contact began at ``begun``. ``states`` receives the springs
+    after each of the steps ``kept`` (increasing).
     """
+    height, speed, floor, floor_speed = start
+    floor_mass, omega, zeta = floor_law
     place = 0
-    n_springs = u.size
-    base, rise = room[0], room[1]
+    base, rise, weights = np.zeros(u.size), np.zeros(u.size), np.full(u.size, weight)
     reach = reach_of(u)
-    force, floor_force_acceleration = 0.0, 0.0
-    acceleration = -gravity  # of the approach's opposite: upward positive motion of the sphere
-    height = -approach + floor
+    acceleration, floor_acceleration = -GRAVITY, 0.0
     for n in range(grid.size - 1):
         step = grid[n + 1] - grid[n]
         now = begun + grid[n + 1]
         height += speed * step + 0.5 * acceleration * step * step
-        floor += floor_speed * step + 0.5 * floor_force_acceleration * step * step
+        floor += floor_speed * step + 0.5 * floor_acceleration * step * step
         approach = floor - height
-        force, last, reach = press(history, now, step, approach, gap, weight, u, base, rise, reach, disc)
+        force, last, reach = press(history, now, step, approach, gap, weights, u, base, rise, reach, disc)
         remember(history, now - step, now, rise, reach)
-        new_acceleration = force / mass - gravity
+        new_acceleration = force / mass - GRAVITY
         speed += 0.5 * (acceleration + new_acceleration) * step
         acceleration = new_acceleration
         if floor_mass < np.inf:
-            new_floor = (
-                -force / floor_mass
-                - floor_omega * floor_omega * floor
-                - 2 * floor_zeta * floor_omega * (floor_speed + 0.5 * floor_force_acceleration * step)
-            )
-            floor_speed += 0.5 * (floor_force_acceleration + new_floor) * step
-            floor_force_acceleration = new_floor
+            halfway = floor_speed + 0.5 * floor_acceleration * step
+            new_floor = -force / floor_mass - omega * omega * floor - 2 * zeta * omega * halfway
+            floor_speed += 0.5 * (floor_acceleration + new_floor) * step
+            floor_acceleration = new_floor
         record[n, 0], record[n, 1], record[n, 2] = height, speed, force
         record[n, 3], record[n, 4], record[n, 5] = gap[last] if last >= 0 else 0.0, floor, floor_speed
         if place < len(kept) and kept[place] == n:
-            for i in range(n_springs):
+            for i in range(u.size):
                 states[place, i] = max(u[i], approach - gap[i])
             place += 1
         if last < 0 and n > 2:
@@ -174,8 +171,9 @@ def _contact(
 
 
 @lean()
-def _creep_back(u: Floats, history: History, begun: float, duration: float, room: Floats) -> None:
-    base, rise = room[0], room[1]
+def _recover(u: Floats, history: History, begun: float, duration: float) -> None:
+    """Let unloaded springs creep back for a time [s], in steps that grow geometrically."""
+    base, rise = np.zeros(u.size), np.zeros(u.size)
     reach = reach_of(u)
     elapsed, step = 0.0, CONTACT_STEP
     while elapsed < duration and reach > 0:
@@ -191,39 +189,18 @@ def _creep_back(u: Floats, history: History, begun: float, duration: float, room
         step *= FLIGHT_GROWTH
 
 
-def _recover(u: Floats, history: History, begun: float, duration: float) -> None:
-    """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
-    _creep_back(u, history, begun, duration, np.zeros((2, u.size)))
-
-
-def _lengthened(now: float, speed: float, height: float) -> float:
-    """Return how much longer the steps of a contact are that begins now."""
-    return 1.0 if now <= _LATE else _LATE_STEPS * float(np.sqrt(2 * GRAVITY * height) / max(speed, _SLOWEST)) ** 0.2
-
-
-def _contact_grid(duration: float, longer: float) -> Floats:
-    """Return the times of the steps of a contact [s], from 0 to its longest duration."""
-    ends = [*(begin for begin, _ in _COARSER), np.inf]
-    steps = [longer * step for step in (CONTACT_STEP, *(step for _, step in _COARSER))]
+def _contact_grid(now: float, duration: float, speed: float, height: float) -> Floats:
+    """Return the times of the steps of a contact [s] that begins ``now`` at a speed, from 0 to its longest duration."""
+    longer = 1.0 if now <= _LATE else _LATE_STEPS * float(np.sqrt(2 * GRAVITY * height) / max(speed, _SLOWEST)) ** 0.2
     pieces: list[Floats] = [np.zeros(1)]
+    ends = [*(begin for begin, _ in _COARSER), np.inf]
     begin = 0.0
-    for step, end in zip(steps, ends, strict=True):
-        count = int(np.ceil((min(end, duration) - begin) / step))
+    for step, end in zip((CONTACT_STEP, *(step for _, step in _COARSER)), ends, strict=True):
+        count = int(np.ceil((min(end, duration) - begin) / (longer * step)))
         if count > 0:
-            pieces.append(np.asarray(begin + step * np.arange(1.0, count + 1.0), dtype=np.float64))
+            pieces.append(np.asarray(begin + longer * step * np.arange(1.0, count + 1.0), dtype=np.float64))
             begin = float(pieces[-1][-1])
     return np.concatenate(pieces)
-
-
-def _floor_free(time: Floats, x0: float, v0: float, floor: Floor) -> tuple[Floats, Floats]:
-    """Free motion of the damped floor from position ``x0`` and velocity ``v0``."""
-    omega = 2 * np.pi * floor.frequency
-    damped = omega * np.sqrt(1 - floor.damping_ratio**2)
-    decay = np.exp(-floor.damping_ratio * omega * time)
-    b = (v0 + floor.damping_ratio * omega * x0) / damped
-    x = decay * (x0 * np.cos(damped * time) + b * np.sin(damped * time))
-    v = -floor.damping_ratio * omega * x + decay * damped * (b * np.cos(damped * time) - x0 * np.sin(damped * time))
-    return x, v
 
 
 def of_sphere(position: Floats, radius: float) -> Floats:
@@ -257,65 +234,37 @@ def reference_drop(
     width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / SPRINGS
     position: Floats = np.asarray((np.arange(SPRINGS) + 0.5) * width, dtype=np.float64)
     gap = profile(position, radius)
-    weight = np.full(SPRINGS, 2 * width)
     u, history = np.zeros(SPRINGS), no_history(solid, SPRINGS, 1 / (1 - solid.nu**2))
+    floor_law = floor.mass, 2 * np.pi * floor.frequency, floor.damping_ratio
 
     now, z, v, x, w = 0.0, height, 0.0, 0.0, 0.0
     pieces: list[Floats] = [np.array([[0.0, z, 0.0, 0.0, 0.0, 0.0]])]
     touch, liftoff, incoming, outgoing = [], [], [], []
     asked = np.empty(0) if snapshots is None else np.asarray(snapshots, float)
-    shots: list[tuple[Floats, float, float]] = []
+    shots: list[tuple[Floats, float, float]] = []  # springs, approach and contact radius
     while now < duration:
-        flight = _flight_time(z, v, x, w, u, history, now, floor)
-        flight = min(flight, duration - now)
+        flight = min(_flight_time(z, v, x, w, u, history, now, floor), duration - now)
         grid = np.linspace(0.0, flight, max(3, int(flight / 2e-4)))[1:]
-        floor_x, floor_w = (
-            _floor_free(grid, x, w, floor) if np.isfinite(floor.mass) else (np.zeros_like(grid), np.zeros_like(grid))
-        )
+        (floor_x, floor_w), fallen = floor.free(grid, x, w), z + v * grid - 0.5 * GRAVITY * grid**2
         zero = np.zeros_like(grid)
-        pieces.append(
-            np.column_stack(
-                [now + grid, z + v * grid - 0.5 * GRAVITY * grid**2, v - GRAVITY * grid, zero, zero, floor_x]
-            )
-        )
-        shots += [
-            _in_flight(time - now, z, v, x, w, u, history, now, floor)
-            for time in asked[(asked >= now) & (asked < now + flight)]
-        ]
+        pieces.append(np.column_stack([now + grid, fallen, v - GRAVITY * grid, zero, zero, floor_x]))
+        due = asked[len(shots) :] - now
+        for since in due[due <= flight].tolist():
+            recovered, level = u.copy(), float(floor.free(np.array(since), x, w)[0])
+            _recover(recovered, copy_of(history, u.size), now, since)
+            shots.append((recovered, level - (z + v * since - 0.5 * GRAVITY * since**2), 0.0))
         _recover(u, history, now, flight)
         now += flight
         z, v, x, w = pieces[-1][-1, 1], pieces[-1][-1, 2], floor_x[-1], floor_w[-1]
         if now >= duration:
             break
-        steps = _contact_grid(duration - now, _lengthened(now, abs(v), height))
-        record = np.empty((steps.size - 1, 6))
-        due = asked[asked >= now]
-        before = np.searchsorted(steps, due - now, side="right") - 2
-        kept = np.unique(np.concatenate([before, before + 1]))
-        kept = kept[kept >= 0]
-        states, start = np.empty((len(kept), SPRINGS)), (u.copy(), x - z)
-        n, left = _contact(
-            x - z,
-            v,
-            x,
-            w,
-            u,
-            history,
-            now,
-            gap,
-            weight,
-            mass,
-            GRAVITY,
-            floor.mass,
-            2 * np.pi * floor.frequency,
-            floor.damping_ratio,
-            steps,
-            record,
-            kept,
-            states,
-            np.zeros((2, u.size)),
-            disc,
-        )
+        steps = _contact_grid(now, duration - now, abs(v), height)
+        due = np.maximum(asked[len(shots) :] - now, 0.0)
+        due = due[due <= steps[-1]]
+        steps = np.union1d(steps, due)  # a step ends wherever the springs are asked for
+        record, kept = np.empty((steps.size - 1, 6)), np.maximum(np.searchsorted(steps, due) - 1, 0)
+        states, start = np.empty((kept.size, u.size)), (z, v, x, w)
+        n, left = _contact(start, u, history, now, gap, 2 * width, mass, floor_law, steps, record, kept, states, disc)
         record = record[:n]
         edge = float(record[:, 3].max())
         if edge >= gap[u.size - 1]:
@@ -324,33 +273,41 @@ def reference_drop(
         if is_touch := bool(np.any(record[:, 2] > 0.0)):
             touch.append(now)
             incoming.append(-v)
-        for time, step in zip(due, before, strict=True):
-            if step + 1 < n:
-                share = (time - now - steps[step + 1]) / (steps[step + 2] - steps[step + 1])
-                shots.append(_in_contact(int(step), share, start, kept, states, record, gap, position))
+        # A spring covers half its width.
         times = now + steps[1 : n + 1]
-        pieces.append(_rows(times, record, gap, position))
+        reached = _place(record[:, 3], gap, position) + np.where(record[:, 3] > 0, position[0], 0.0)
+        pieces.append(np.column_stack([times, record[:, :3], reached, record[:, 4]]))
+        shots += _in_contact(states, kept[kept < n], record, reached, gap, position)
         now = float(times[-1])
         z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
         if left and is_touch:
             liftoff.append(_lifted(times, record[:, 2]))
             outgoing.append(v + GRAVITY * (now - liftoff[-1]))
-            if snapshots is None:
-                u, history = _within_reach(u, history, max(_REACH * edge, gap_at_rest), gap)
-    table = np.concatenate(pieces)
-    return Trajectory(
-        time=table[:, 0],
-        height=table[:, 1],
-        velocity=table[:, 2],
-        force=table[:, 3],
-        contact_radius=table[:, 4],
-        floor=table[:, 5],
-        touch=np.array(touch),
-        liftoff=np.array(liftoff),
-        incoming_speed=np.array(incoming),
-        outgoing_speed=np.array(outgoing),
-        springs=_handed_out(asked, shots, position),
+            # Springs that no later, slower impact reaches bear nothing, and would cost as much as those in it.
+            count = int(np.searchsorted(gap, max(_REACH * edge, gap_at_rest), side="right"))
+            if not asked.size and count < _FEWER * u.size:
+                u, history = u[:count].copy(), copy_of(history, count)
+    if len(shots) != asked.size:
+        raise InputError(f"{asked.size} states were requested, {len(shots)} lie in the simulated time")
+    seen = [np.array(part) for part in zip(*shots, strict=True)]
+    springs = Springs(position, seen[0], seen[1], seen[2], 0.5 * width) if seen else None
+    return Trajectory(  # type: ignore[call-arg]  # six columns
+        *np.concatenate(pieces).T, np.array(touch), np.array(liftoff), np.array(incoming), np.array(outgoing), springs
     )
+
+
+def _in_contact(
+    states: Floats, kept: NDArray[np.int64], record: Floats, reached: Floats, gap: Floats, position: Floats
+) -> list[tuple[Floats, float, float]]:
+    """Return springs, approach and contact radius after the steps ``kept`` of a contact."""
+    shots = []
+    for u, step in zip(states, kept.tolist(), strict=False):
+        approach, radius = float(record[step, 4] - record[step, 0]), float(reached[step])
+        outer = int(np.searchsorted(gap, record[step, 3])) + 1
+        if radius and outer < u.size and u[outer] == 0.0:  # on a fresh surface the profile tells exactly
+            radius = float(_place(approach, gap, position))
+        shots.append((u, approach, radius))
+    return shots
 
 
 def _lifted(time: Floats, force: Floats) -> float:
@@ -360,12 +317,6 @@ def _lifted(time: Floats, force: Floats) -> float:
         return float(time[-1])
     before, after = force[last - 1 : last + 1] ** (2 / 3)
     return float(min(time[last] + (time[last] - time[last - 1]) * after / (before - after), time[-1]))
-
-
-def _within_reach(u: Floats, history: History, reach: float, gap: Floats) -> tuple[Floats, History]:
-    """Forget springs that no later, slower impact reaches; they bear nothing, and would cost as much as those in it."""
-    count = int(np.searchsorted(gap, reach, side="right"))
-    return (u[:count].copy(), copy_of(history, count)) if count < _FEWER * u.size else (u, history)
 
 
 def _deepest(
@@ -380,78 +331,10 @@ def _deepest(
     return float(1.05 * impact + 0.5 * static), float(1.5 * static)
 
 
-def _rows(times: NDArray[np.floating[Any]], record: Floats, gap: Floats, position: Floats) -> Floats:
-    """Turn the record of a contact into rows of the trajectory; a spring covers half its width."""
-    edge = _place(record[:, 3], gap, position) + np.where(record[:, 3] > 0, position[0], 0.0)
-    return np.column_stack([times, record[:, 0], record[:, 1], record[:, 2], edge, record[:, 4]])
-
-
 def _place(depth: Any, gap: Floats, position: Floats) -> Floats:
     """Return where the profile is so deep; its root is all but a straight line."""
     known, at = np.append(0.0, np.sqrt(gap)), np.append(0.0, position)
     return np.asarray(np.interp(np.sqrt(np.maximum(depth, 0.0)), known, at))
-
-
-def _handed_out(asked: Floats, shots: list[tuple[Floats, float, float]], position: Floats) -> Springs | None:
-    if not len(asked):
-        return None
-    if len(shots) != len(asked):
-        raise InputError(f"{len(asked)} states were requested, {len(shots)} lie in the simulated time")
-    u, approach, edge = (np.array(part) for part in zip(*shots, strict=True))
-    half = 0.5 * float(position[1] - position[0])
-    return Springs(asked, position, u, approach, edge, half)
-
-
-def _in_flight(
-    elapsed: float, z: float, v: float, x: float, w: float, u: Floats, history: History, begun: float, floor: Floor
-) -> tuple[Floats, float, float]:
-    """Springs and approach some time after the start of a flight."""
-    recovered = u.copy()
-    _recover(recovered, copy_of(history, u.size), begun, elapsed)
-    level = 0.0
-    if np.isfinite(floor.mass):
-        level = float(_floor_free(np.array([elapsed]), x, w, floor)[0][0])
-    return recovered, level - (z + v * elapsed - 0.5 * GRAVITY * elapsed**2), 0.0
-
-
-def _in_contact(
-    step: int,
-    share: float,
-    start: tuple[Floats, float],
-    kept: NDArray[np.int64],
-    states: Floats,
-    record: Floats,
-    gap: Floats,
-    position: Floats,
-) -> tuple[Floats, float, float]:
-    """Springs and approach between two steps of a contact.
-
-    A spring that is pressed in at both ends follows the profile at the very time; a free one
-    moves smoothly.
-    """
-    second = states[np.searchsorted(kept, step + 1)]
-    end = float(record[step + 1, 4] - record[step + 1, 0])
-    if step < 0:
-        first, begin = start
-    else:
-        first = states[np.searchsorted(kept, step)]
-        begin = float(record[step, 4] - record[step, 0])
-    approach = begin + share * (end - begin)
-    u = first + share * (second - first)
-    profile = approach - gap
-    was_pressed = np.abs(first - (begin - gap)) < _PRESSED
-    is_pressed = np.abs(second - (end - gap)) < _PRESSED
-    u = np.where(is_pressed & ~was_pressed, first, u)  # it waits until the profile comes
-    u = np.where(was_pressed & ~is_pressed, second, u)  # it stays where the profile leaves it
-    u = np.maximum(u, profile)
-    pressed = np.flatnonzero(np.abs(u - profile) < _PRESSED)
-    if not len(pressed):
-        return u, approach, 0.0
-    edge = int(pressed[-1])
-    radius = float(position[edge] + position[0])
-    if edge + 1 < len(u) and u[edge + 1] == 0.0:  # on a fresh surface the profile tells exactly
-        radius = float(_place(approach, gap, position))
-    return u, approach, radius
 
 
 def _flight_time(
@@ -468,8 +351,7 @@ def _flight_time(
     if not np.isfinite(floor.mass):
         return float(span)
     grid = np.linspace(0.0, span * 1.02 + 1e-4, 20001)[1:]
-    floor_x, _ = _floor_free(grid, x, w, floor)
-    clearance = z + v * grid - 0.5 * GRAVITY * grid**2 - floor_x + level
+    clearance = z + v * grid - 0.5 * GRAVITY * grid**2 - floor.free(grid, x, w)[0] + level
     # before the apex the dent is still deeper than ``level``, and the two cannot meet
     below = np.flatnonzero((clearance <= 0) & (grid > apex))
     if not len(below):

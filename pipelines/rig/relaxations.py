@@ -4,16 +4,15 @@ One file per depth: the approach, then one ramp and its hold. The stage accelera
 real ones do, and the load cell's gain is a little off, within the u of its record.
 """
 
-import json
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
-from labpipe import files
 from pipelines.rig.indentations import Specimen, approach_part, ramp_part, record_parts
 from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.session_text import write_truth
 from pipelines.rig.solids import solid_of, truth_of_solid
 
 TESTER = Tester(force_gain=0.9988, acceleration=0.05)
@@ -42,7 +41,6 @@ def write_relaxation(
         late = time >= time[-1] - min(_PLATEAU, 0.1 * protocol.hold)
         solid = solid_of(specimen.material)
         document = {
-            "synthetic": True,
             "solid": truth_of_solid(solid),
             "surface": specimen.surface,
             "depth": depth,
@@ -55,6 +53,6 @@ def write_relaxation(
             "E_relaxed": solid.relaxed,
             "reduced_modulus": solid.relaxed / (1 - solid.nu**2),
         }
-        files.write_text(folder / f"truth/{stem}.json", json.dumps(document, indent=1) + "\n")
+        write_truth(folder, stem, document)
         names.append(f"mach1/{stem}.txt")
     return names

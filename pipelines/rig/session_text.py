@@ -1,6 +1,9 @@
 """The texts that synthetic sessions share: the head of session.toml, records, sections."""
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from labpipe import files
 from labpipe.workflow.session import VERSION
@@ -98,11 +101,24 @@ synthetic = true
 """
 
 
-def write_session(folder: Path, text: str, **records: str) -> None:
-    """Write session.toml, and the calibration records by their names."""
-    for name, record_text in records.items():
-        files.write_text(folder / f"calibration/{name}.toml", record_text)
-    files.write_text(folder / "session.toml", text)
+def write_session(folder: Path, title: str, sections: str, *, is_binned: bool = True) -> None:
+    """Write session.toml, and those of the calibration records of laser and cameras that its sections name."""
+    records = {
+        "laser": laser_record(),
+        "laser_plate": plate_laser_record(),
+        "camera_front": front_record(),
+        "camera_under": under_record(is_binned=is_binned),
+    }
+    for name, text in records.items():
+        if f"calibration/{name}.toml" in sections:
+            files.write_text(folder / f"calibration/{name}.toml", text)
+    files.write_text(folder / "session.toml", session_head(f"{title} (synthetic)") + sections)
+
+
+def write_truth(folder: Path, name: str, truth: Mapping[str, Any], indent: int | None = 1) -> None:
+    """Write the true values of a recording, where the analysis does not read."""
+    text = json.dumps({"synthetic": True, **truth}, indent=indent)
+    files.write_text(folder / f"truth/{name}.json", text + "\n")
 
 
 def from_library(material: str) -> str:

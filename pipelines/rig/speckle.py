@@ -43,6 +43,10 @@ class Pose:
     rotation: float = 0.0
     pivot: tuple[float, float] = (0.0, 0.0)
 
+    def distance(self, other: "Pose") -> float:
+        """Return how far [px] points at the ends of an image move from one pose to the other, about."""
+        return abs(self.dx - other.dx) + abs(self.dy - other.dy) + 500.0 * abs(self.rotation - other.rotation)
+
     def moved(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Where points of the first image are now."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
@@ -63,7 +67,7 @@ def make_holder(rows: int, columns: int, fall: float, seed: int, width: float | 
     y = generator.uniform(-fall - margin, rows + margin, count)
     blobs = generator.uniform(*_WIDTHS, count)
     field = np.zeros((min(rows, 200), min(columns, 200)))
-    _stamp(field, x, y, blobs)
+    _add_blobs(field, x, y, blobs, np.ones(count))
     half = 0.5 * columns + 2 * margin if width is None else 0.5 * width
     middle = 0.5 * (columns - 1)
     return Holder(x, y, blobs, float(field.mean()), _CONTRAST / float(field.std()), middle - half, middle + half)
@@ -78,16 +82,12 @@ def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0
     x, y = pose.moved(holder.x, holder.y)
     widened = np.hypot(holder.width, defocus)
     field = np.zeros((rows, columns))
-    _stamp(field, x, y, widened, (holder.width / widened) ** 2)
+    _add_blobs(field, x, y, widened, (holder.width / widened) ** 2)
     level = 0.5 * (1.0 + np.tanh(holder.gain * (field - holder.offset)))
     grey = _BLACK + (_WHITE - _BLACK) * level
     across = np.arange(columns) - pose.dx
     mask = 0.5 * (np.tanh((across - holder.left) / _EDGE) - np.tanh((across - holder.right) / _EDGE))
     return _BLACK / 2 + mask * (grey - _BLACK / 2)
-
-
-def _stamp(field: Floats, x: Floats, y: Floats, width: Floats, weight: Floats | None = None) -> None:
-    _add_blobs(field, x, y, width, np.ones_like(x) if weight is None else weight)
 
 
 @compiled(error_model="numpy", no_cfunc_wrapper=True)

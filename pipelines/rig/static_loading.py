@@ -1,6 +1,5 @@
 """A sphere under manually added loads, recorded by the laser every few seconds."""
 
-import json
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -8,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from instruments import keyence
-from labpipe import files
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_static import reference_static
-from pipelines.rig.session_text import from_dma, from_library
+from pipelines.rig.session_text import from_dma, from_library, write_truth
 from pipelines.rig.solids import SAPPHIRE, Truth, solid_of, specimen_of, truth_of_solid
 
 
@@ -48,16 +46,14 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     loading = {"load_times": begins, "loads": np.array(rig.masses) * rig.gravity, "time": time}
     approach = reference_static(solid_of(material), radius=rig.radius, disc=rig.disc, **loading)
     drift = generator.normal(0.0, rig.drift) * time / rig.duration
-    along = (drift - approach) * np.cos(rig.sensor.inclination) + rig.sensor.zero
-    along += generator.normal(0.0, rig.sensor.noise, time.size)
+    errors = generator.normal(0.0, rig.sensor.noise, time.size)
     for begin in begins[1:]:
-        along[np.searchsorted(time, begin)] += generator.normal(0.0, rig.touched)
-    readings = np.round(along / rig.sensor.step) * rig.sensor.step
+        errors[np.searchsorted(time, begin)] += generator.normal(0.0, rig.touched)
+    readings = rig.sensor.readings(drift - approach, errors)
     recording = keyence.make_recording({1: readings}, cycle=rig.cycle, start=start, decimals=4)
     file = f"laser/{name}.csv"
     keyence.write(folder / file, recording)
     truth = {
-        "synthetic": True,
         "solid": truth_of_solid(solid_of(material)),
         "zero": rig.sensor.zero,
         "inclination": rig.sensor.inclination,
@@ -67,7 +63,7 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
         "time": time.tolist(),
         "approach": approach.tolist(),
     }
-    files.write_text(folder / f"truth/{name}.json", json.dumps(truth, indent=1) + "\n")
+    write_truth(folder, name, truth)
     return file
 
 

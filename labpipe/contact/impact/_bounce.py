@@ -1,7 +1,6 @@
 """One contact by collocation, from touch to lift-off: the dents on the surface, its outcome, and its course."""
 
 from dataclasses import dataclass, field
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,12 +9,12 @@ from scipy.interpolate import PchipInterpolator
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
 from labpipe.contact.impact._method import MEANS, N_NODES, STAGES, TO_POWERS, WEIGHTS, Tables, interpolation
-from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Trail
+from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Room, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
 
-# Records of each step: its ends and so many instants inside.
+# Records of each step: its start and so many instants inside.
 _RECORDS_PER_STEP = 12
-_GAUSS_POINTS = 40
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 class _Dent(NamedTuple):
@@ -59,10 +58,9 @@ class Dents:
             self.layers.pop()
         if self.layers and self.has_energy:
             layer = self.layers[-1]
-            points, weights = _gauss_rule()
             # The dent ends like a power 3/2 at its edge: smooth over the root of the distance.
-            root, width = 0.5 * (points + 1.0), layer.edge - edge
-            shown = self.creep.inverse * (layer.at(layer.edge - width * root**2) ** 2 @ (weights * width * root))
+            root, width = 0.5 * (_POINTS + 1.0), layer.edge - edge
+            shown = self.creep.inverse * (layer.at(layer.edge - width * root**2) ** 2 @ (_WEIGHTS * width * root))
             self.layers[-1] = layer._replace(shown=shown)
 
     def relax(self, dt: float) -> None:
@@ -88,39 +86,28 @@ class Dents:
         return np.asarray(sum((layer.shown for layer in self.layers), np.zeros(self.creep.rate.size)))
 
 
-@cache
-def _gauss_rule() -> tuple[Floats, Floats]:
-    """Points (point,) from -1 to 1, and their weights."""
-    return np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-
-
 class Bounce(NamedTuple):
-    """One contact that ended in a lift-off: its place in the path, and its largest values.
+    """One contact that ended in a lift-off: its largest values, and its course where an account of energy is kept.
 
-    ``touched`` [s], ``origin`` [m]: time and level from which the path counts; ``n``, ``peak``: steps, and those until
-    the contact was largest; ``stored``, ``work`` [J]: at touch; ``dissipated`` (step + 1,) [J]; ``mislaid`` [J]: energy
-    error at its end, ``worst`` on the way.
+    ``largest`` [m]: contact radius; ``mislaid`` [J]: energy error at its end, ``worst`` on the way.
     """
 
-    touched: float
-    origin: float
-    n: int
-    peak: int
     largest: float
-    stored: float
-    work: float
-    dissipated: Floats
     peak_force: float
     peak_approach: float
     deepest: float
     mislaid: float
     worst: float
+    course: Trail | None
 
 
-def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts) -> Bounce | None:
+def bounce(
+    tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts, times: Floats | None = None
+) -> Bounce | None:
     """Follow one contact from touch; None unless it shrinks once and ends in a lift-off.
 
-    The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far.
+    The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far. The
+    course is at those of the ``times`` (time,) [s] that lie in it, or at instants of its own, and at its end.
     """
     room, centre, outer = tables.room, dents.centre, 0.0
     room.center[: centre.size], room.dent[: centre.size] = centre, 0.0
@@ -146,7 +133,7 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
     outside = dents.stored()
     dents.relax(lasted)
     dents.add(largest, room.after[: centre.size].copy())
-    done, dissipated = state[: n + 1, 7] - work, np.zeros(n + 1)
+    done, dissipated, course = state[: n + 1, 7] - work, np.zeros(n + 1), None
     if dents.has_energy:
         stored = room.stored[: n + 1] + np.exp(-2.0 * time[: n + 1, None] * tables.creep.rate) @ outside
         stored[0], stored[n] = before.sum(), dents.stored().sum()
@@ -159,6 +146,17 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
         dissipated[: peak + 1] = np.minimum(dissipated[: peak + 1], peak_loss)
         dissipated[peak:] = np.maximum(dissipated[peak:], peak_loss)
         dissipated[-1] = whole
+        part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
+        at = touched + (time[:n, None] + np.diff(time[: n + 1])[:, None] * part).ravel()
+        if times is not None:
+            at = times[(times >= touched) & (times < touched + lasted)]
+        at = np.append(at, touched + lasted)
+        course = _course(room, fall, n, peak, np.minimum(at - touched, lasted))
+        lost = PchipInterpolator(time[: n + 1], dissipated)(course["time"])
+        course["stored"] = stored[0] + course["spring_work"] - work - lost
+        course["time"] = at
+        for name in ("position", "approach", "surface"):
+            course[name] += origin
     peaks = np.zeros(4)
     worst = outcome_of(fall, room, n, mislaid, peaks)
     end = state[n].tolist()
@@ -170,74 +168,39 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
     if fall.plate_mass:
         now.plate_acceleration = -(fall.plate_damping * end[5] + fall.plate_stiffness * end[4]) / fall.plate_mass
     force, approach, deepest, error = peaks.tolist()
-    course = touched, origin, n, peak, largest, float(before.sum()), work, dissipated
-    return Bounce(*course, force, approach + origin, deepest + origin, error, float(worst))
+    return Bounce(largest, force, approach + origin, deepest + origin, error, float(worst), course)
 
 
-@dataclass(frozen=True, slots=True)
-class Curves:
-    """The course of a bounce as polynomials, step by step.
-
-    ``time`` (step + 1,) [s]; ``coefficients`` (step, 8, power) over u from 0 to 1: position, velocity, force, edge,
-    displacement and velocity of the plate, work on the springs, loss of the plate; the edge is the square of its radius
-    until the contact is largest, and the place s afterwards.
-    """
-
-    time: Floats
-    coefficients: Floats
-    bounce: Bounce
-    fall: Fall
-
-    @classmethod
-    def of(cls, tables: Tables, fall: Fall, one: Bounce) -> "Curves":
-        """Polynomials through the stages of the steps of the path, which the next bounce overwrites."""
-        path, n, peak = tables.room, one.n, one.peak
-        starts, stages = path.state[:n], path.stages[:n]
-        length = np.diff(path.time[: n + 1])
-        power = stages[:, :, 2] * (stages[:, :, 1] - stages[:, :, 5])
-        gained = np.stack([power, fall.plate_damping * stages[:, :, 5] ** 2], axis=2)
-        gained = length[:, None, None] * np.einsum("il,nlc->nic", WEIGHTS, gained)
-        values = np.concatenate([stages[:, :, :6], gained], axis=2)
-        first = np.concatenate([starts[:, :6], np.zeros((n, 2))], axis=1)
-        coefficients = np.empty((n, 8, STAGES + 1))
-        coefficients[:, :, 0] = first
-        coefficients[:, :, 1:] = np.einsum("pm,nmc->ncp", TO_POWERS, values - first[:, None])
-        receded = np.cumsum(path.edge_powers[peak:n].sum(axis=1))[:-1]
-        coefficients[:, 3, 0] = np.concatenate([starts[:peak, 3] ** 2, [0.0], receded])
-        coefficients[:, 3, 1:] = path.edge_powers[:n]
-        coefficients[:, 0, 0] += one.origin
-        coefficients[:, 6, 0], coefficients[:, 7, 0] = starts[:, 7], starts[:, 6]
-        time = one.touched + path.time[: n + 1]
-        return cls(time, coefficients, one, fall)
-
-    def at(self, times: Floats) -> Trail:
-        """Return records (time,) at given times [s] within the contact."""
-        step = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, self.time.size - 2)
-        u = (times - self.time[step]) / np.diff(self.time)[step]
-        values = np.zeros((times.size, self.coefficients.shape[1]))
-        for power in range(self.coefficients.shape[2] - 1, -1, -1):
-            values = values * u[:, None] + self.coefficients[step, :, power]
-        one, fall = self.bounce, self.fall
-        receding = one.largest**2 * (1.0 - np.minimum(values[:, 3], 1.0) ** 2)
-        square = np.where(step < one.peak, values[:, 3], receding)
-        trail = np.zeros(times.size, MOTION)
-        trail["time"], trail["position"], trail["velocity"] = times, values[:, 0], values[:, 1]
-        trail["force"] = np.maximum(values[:, 2], 0.0)
-        trail["acceleration"] = fall.gravity - trail["force"] / fall.mass
-        trail["contact_radius"] = np.sqrt(np.maximum(square, 0.0))
-        trail["approach"] = trail["surface"] = values[:, 0] - values[:, 4]
-        trail["plate_displacement"], trail["plate_velocity"] = values[:, 4], values[:, 5]
-        if fall.plate_mass:
-            pull = trail["force"] - fall.plate_damping * values[:, 5] - fall.plate_stiffness * values[:, 4]
-            trail["plate_acceleration"] = pull / fall.plate_mass
-        trail["spring_work"], trail["plate_loss"] = values[:, 6], values[:, 7]
-        lost = PchipInterpolator(self.time, one.dissipated)(times)
-        trail["stored"] = one.stored + values[:, 6] - one.work - lost
-        return trail
-
-    def instants(self, until: float) -> Floats:
-        """Return the ends of all steps and instants between, up to a time [s]."""
-        part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
-        times = (self.time[:-1, None] + np.diff(self.time)[:, None] * part).ravel()
-        end = min(float(self.time[-1]), until)
-        return np.append(times[times < end], end)
+def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:
+    """Return records at times (time,) [s] since touch, by the polynomials through the stages of the steps."""
+    starts, stages, length = room.state[:n], room.stages[:n], np.diff(room.time[: n + 1])
+    power = stages[:, :, 2] * (stages[:, :, 1] - stages[:, :, 5])
+    gained = np.stack([power, fall.plate_damping * stages[:, :, 5] ** 2], axis=2)
+    gained = length[:, None, None] * np.einsum("il,nlc->nic", WEIGHTS, gained)
+    coefficients = np.zeros((n, 8, STAGES + 1))
+    coefficients[:, :6, 0] = starts[:, :6]
+    values = np.concatenate([stages[:, :, :6], gained], axis=2) - coefficients[:, None, :, 0]
+    coefficients[:, :, 1:] = np.einsum("pm,nmc->ncp", TO_POWERS, values)
+    coefficients[:, 6, 0], coefficients[:, 7, 0] = starts[:, 7], starts[:, 6]
+    # The edge is the square of its radius until the contact is largest, and the place s afterwards.
+    receded = np.cumsum(room.edge_powers[peak:n].sum(axis=1))[:-1]
+    coefficients[:, 3, 0] = np.concatenate([starts[:peak, 3] ** 2, [0.0], receded])
+    coefficients[:, 3, 1:] = room.edge_powers[:n]
+    step = np.clip(np.searchsorted(room.time[: n + 1], times, side="right") - 1, 0, n - 1)
+    u, values = (times - room.time[step]) / length[step], np.zeros((times.size, 8))
+    for p in range(STAGES, -1, -1):
+        values = values * u[:, None] + coefficients[step, :, p]
+    largest = float(room.state[peak, 3])
+    square = np.where(step < peak, values[:, 3], largest**2 * (1.0 - np.minimum(values[:, 3], 1.0) ** 2))
+    trail = np.zeros(times.size, MOTION)
+    trail["time"], trail["position"], trail["velocity"] = times, values[:, 0], values[:, 1]
+    trail["force"] = np.maximum(values[:, 2], 0.0)
+    trail["acceleration"] = fall.gravity - trail["force"] / fall.mass
+    trail["contact_radius"] = np.sqrt(np.maximum(square, 0.0))
+    trail["approach"] = trail["surface"] = trail["position"] - values[:, 4]
+    trail["plate_displacement"], trail["plate_velocity"] = values[:, 4], values[:, 5]
+    if fall.plate_mass:
+        pull = trail["force"] - fall.plate_damping * values[:, 5] - fall.plate_stiffness * values[:, 4]
+        trail["plate_acceleration"] = pull / fall.plate_mass
+    trail["spring_work"], trail["plate_loss"] = values[:, 6], values[:, 7]
+    return trail

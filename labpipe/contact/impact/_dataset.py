@@ -9,10 +9,8 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.contact._thesis_scheme import ThesisRun
-from labpipe.contact.impact._plate import PlateState
 from labpipe.contact.impact._setting import Setting
-from labpipe.contact.impact._train import COLUMNS, Train
+from labpipe.contact.impact._train import COLUMNS, ROWS, Train
 from labpipe.variables import variable
 
 _SERIES = {
@@ -29,21 +27,6 @@ _SERIES = {
     "numerical_energy": ("J", "numerical energy error so far"),
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
-}
-_ROWS = {
-    "impact_time": ("s", "time of touch"),
-    "lift_off_time": ("s", "time of lift-off"),
-    "contact_duration": ("s", "duration of the contact"),
-    "impact_speed": ("m/s", "speed at touch"),
-    "rebound_speed": ("m/s", "speed at lift-off"),
-    "restitution": ("1", "coefficient of restitution"),
-    "peak_force": ("N", "largest contact force"),
-    "peak_contact_radius": ("m", "largest contact radius"),
-    "peak_pressure": ("Pa", "largest contact pressure, of Hertz's distribution"),
-    "peak_approach": ("m", "largest approach"),
-    "penetration": ("m", "largest depth of the sphere below its level at touch"),
-    "energy_dissipated": ("J", "energy dissipated during the contact"),
-    "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
 _SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
@@ -73,7 +56,7 @@ def dataset(
     dissipated = np.maximum.accumulate(values["spring_work"] - values["stored"] + values["plate_loss"])
     on_plate = {}
     if setting.plate is not None:
-        energy = setting.plate.energy(PlateState(values["plate_displacement"], values["plate_velocity"]))
+        energy = setting.plate.energy(values["plate_displacement"], values["plate_velocity"])
         on_plate = {"plate_displacement": values["plate_displacement"], "plate_energy": energy}
     known = kinetic + potential + values["stored"] + dissipated + on_plate.get("plate_energy", 0.0)
     series = {
@@ -109,46 +92,38 @@ def dataset(
     return result
 
 
-def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, seconds: float) -> xr.Dataset:
+def thesis_dataset(
+    run: Floats, work: Mapping[str, int], setting: Setting, times: Floats | None, seconds: float
+) -> xr.Dataset:
     """Assemble the same Dataset, without a ledger, from the thesis's scheme."""
-    time = run.time + setting.fall_time
-    inside = time <= setting.duration * (1.0 + 1e-12)
-    series = {
-        "displacement": -run.position,
-        "velocity": -run.velocity,
-        "approach": run.position,
-        "reduced_gap": run.reduced_gap,
-        "force": run.force,
-        "contact_radius": run.contact_radius,
-    }
+    since, position, velocity, force, radius, _ = run
     fall = np.linspace(0.0, setting.fall_time, 26)[: -1 if setting.height > 0.0 else 0]
-    height, zero = setting.height - 0.5 * setting.gravity * fall**2, np.zeros_like(fall)
-    before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height, "reduced_gap": height}
-    series = {name: np.concatenate([before.get(name, zero), values[inside]]) for name, values in series.items()}
-    time = np.concatenate([fall, time[inside]])
+    sunk, zero = 0.5 * setting.gravity * fall**2 - setting.height, np.zeros_like(fall)
+    before = np.stack([fall - setting.fall_time, sunk, setting.gravity * fall, zero, zero, -sunk])
+    whole = np.concatenate([before, run], axis=1)
+    whole = whole[:, whole[0] + setting.fall_time <= setting.duration * (1.0 + 1e-12)]
+    names = ("displacement", "velocity", "force", "contact_radius", "reduced_gap")
+    time, signs = whole[0] + setting.fall_time, (-1.0, -1.0, 1.0, 1.0, 1.0)
+    series = {name: sign * values for name, sign, values in zip(names, signs, whole[1:], strict=True)}
+    series["approach"] = -series["displacement"]
     if times is not None:
         series = {name: np.interp(times, time, values) for name, values in series.items()}
         time = times
     # A contact is a run of steps with force, as far as steps of equal length resolve it.
-    loaded = np.concatenate([[0], (run.force > 0.0).astype(int), [0]])
+    loaded = np.concatenate([[0], (force > 0.0).astype(int), [0]])
     rows = []
     for start, stop in zip(np.flatnonzero(np.diff(loaded) == 1), np.flatnonzero(np.diff(loaded) == -1), strict=True):
-        if stop < run.time.size:
+        if stop < since.size:
             touch = max(int(start) - 1, 0)
-            steps_in = slice(touch, int(stop) + 1)
-            began, ended, incoming, outgoing = run.time[touch], run.time[stop], run.velocity[touch], -run.velocity[stop]
-            times_and_speeds = began + setting.fall_time, ended + setting.fall_time, ended - began, incoming, outgoing
-            ratio, deepest = outgoing / incoming if incoming > 0.0 else nan, run.position[steps_in].max()
-            peaks = (
-                run.force[steps_in].max(),
-                run.contact_radius[steps_in].max(),
-                deepest,
-                deepest - run.position[touch],
-            )
-            rows.append((*times_and_speeds, ratio, *peaks, nan, nan))
-    solves, steps = run.work["active_set_solves"], run.time.size - 1
-    work = {"solver_steps": steps, "kernel_products": solves + steps, "seconds": round(seconds, 4)} | run.work
-    return _assemble(time, series, rows, {}, setting, work)
+            inside = slice(touch, int(stop) + 1)
+            began, ended, incoming, outgoing = since[touch], since[stop], velocity[touch], -velocity[stop]
+            moments = began + setting.fall_time, ended + setting.fall_time, ended - began
+            ratio, deepest = outgoing / incoming if incoming > 0.0 else nan, position[inside].max()
+            peaks = force[inside].max(), radius[inside].max(), deepest, deepest - position[touch]
+            rows.append((*moments, incoming, outgoing, ratio, *peaks, nan, nan))
+    steps = since.size - 1
+    counts = {"solver_steps": steps, "kernel_products": work["active_set_solves"] + steps, "seconds": round(seconds, 4)}
+    return _assemble(time, series, rows, {}, setting, {**counts, **work})
 
 
 def batch_dataset(trains: Sequence[Train], most: int) -> xr.Dataset:
@@ -157,7 +132,7 @@ def batch_dataset(trains: Sequence[Train], most: int) -> xr.Dataset:
     for row, train in zip(rows, trains, strict=True):
         row[: len(train.rows)] = np.reshape(train.rows, (-1, len(COLUMNS)))
     made: dict[str, object] = {
-        name: variable(("drop", "impact"), rows[..., i], *_ROWS[name])
+        name: variable(("drop", "impact"), rows[..., i], *ROWS[name])
         for i, name in enumerate(COLUMNS)
         if not name.startswith("energy")
     }
@@ -187,7 +162,7 @@ def _assemble(
     given |= {"drop_height": setting.height, "gravity": setting.gravity, **scalars}
     groups: tuple[tuple[dict[str, tuple[str, str]], tuple[str, ...], Mapping[str, Floats | float]], ...] = (
         (_SERIES, ("time",), series),
-        (_ROWS, ("impact",), table),
+        (ROWS, ("impact",), table),
         (_SCALARS, (), given),
     )
     variables = {

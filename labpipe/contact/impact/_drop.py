@@ -182,8 +182,8 @@ def drop(
         middle = np.linspace(0.5, count - 0.5, count) * width
         rings = influence(count) * width, surface_gap(middle, r, profile), width
         step, lasts = TIME_STEP if time_step is None else time_step, max(t - setting.fall_time, 0.0)
-        thesis = drop_thesis(rings, creep.compliance, m, setting.gravity, setting.speed, lasts, step, observe)
-        return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
+        run, work = drop_thesis(rings, creep.compliance, m, setting.gravity, setting.speed, lasts, step, observe)
+        return thesis_dataset(run, work, setting, wanted, perf_counter() - started)
     train = _refined(
         setting, creep, expected, observe=observe, times=None if wanted is None else wanted - setting.fall_time
     )
@@ -293,11 +293,7 @@ def _refined(
     observe: Callable[[float], None] | None = None,
     times: Floats | None = None,
 ) -> Train:
-    """Simulate, and again more finely when the first run was too coarse by its energy.
-
-    It happens where the instantaneous compliance hardly matters (a modulus ratio beyond 1e3 with
-    few terms): the pressure then ends in a step at the edge, and long steps ring.
-    """
+    """Simulate, and again more finely when the first run was too coarse by its energy (a modulus ratio over 1e3)."""
     limit, train = _ENERGY_LIMIT * setting.rtol, None
     can_be_finer = setting.rtol / _REFINEMENT >= _FINEST
     try:

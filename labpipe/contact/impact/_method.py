@@ -47,7 +47,10 @@ class Tables(NamedTuple):
             C, tau = np.add.reduceat(C, starts), tau[starts]
         creep = Creep(creep.instantaneous, C, tau, creep.fluidity)
         law = law_of(creep)
-        return cls(creep, (n_folded, n_frozen), law, _work_space(law))
+        sizes = {"S": STAGES, "N": N_NODES, "T": law.rate.size, "M": _MOST_STEPS, "L": _MOST_STEPS + 1}
+        shapes = {name: hint.__metadata__[0] for name, hint in Room.__annotations__.items()}
+        room = [(name, np.float64, tuple(sizes.get(c) or int(c) for c in shape)) for name, shape in shapes.items()]
+        return cls(creep, (n_folded, n_frozen), law, cast("Room", blank(np.dtype(room))))
 
 
 def law_of(creep: Creep) -> Law:
@@ -127,11 +130,3 @@ def _means() -> Floats:
 
 
 MEANS = _means()
-
-
-def _work_space(law: Law) -> Room:
-    """Room for one contact after the other."""
-    sizes = {"S": STAGES, "N": N_NODES, "T": law.rate.size, "M": _MOST_STEPS, "L": _MOST_STEPS + 1}
-    shapes = {name: hint.__metadata__[0] for name, hint in Room.__annotations__.items()}
-    fields = [(name, np.float64, tuple(sizes.get(c) or int(c) for c in shape)) for name, shape in shapes.items()]
-    return cast("Room", blank(np.dtype(fields)))

@@ -7,21 +7,13 @@ on a spring and a dashpot; its displacement ``u`` is positive downwards and 0 at
 """
 
 from dataclasses import dataclass
-from math import isfinite, pi, sqrt
-from typing import Any, NamedTuple
+from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 
-from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-
-class PlateState(NamedTuple):
-    """Displacement [m], velocity [m/s] and acceleration [m/s2] of the plate, downwards; at one time or many."""
-
-    displacement: Any = 0.0
-    velocity: Any = 0.0
-    acceleration: Any = 0.0
+from labpipe.units import require_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +46,7 @@ class Plate:
     damping_ratio: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in (("mass", self.mass), ("frequency", self.frequency)):
-            if not (isfinite(value) and value > 0.0):
-                raise InputError(f"the plate's {name} is {value}, expected a finite positive number")
+        require_positive(plate_mass=self.mass, plate_frequency=self.frequency)
         if not 0.0 <= self.damping_ratio < 1.0:
             message = f"the plate's damping ratio is {self.damping_ratio}, expected 0 to below 1: a plate that rings"
             raise InputError(message)
@@ -71,21 +61,20 @@ class Plate:
         """Dashpot constant c in N s/m."""
         return 2.0 * self.damping_ratio * self.mass * 2.0 * pi * self.frequency
 
-    def energy(self, state: PlateState) -> Any:
-        """Kinetic and elastic energy of the plate in J."""
-        return 0.5 * (self.mass * state.velocity**2 + self.stiffness * state.displacement**2)
+    def energy(self, displacement: Any, velocity: Any) -> Any:
+        """Kinetic and elastic energy [J] of the plate."""
+        return 0.5 * (self.mass * velocity**2 + self.stiffness * displacement**2)
 
-    def free(self, state: PlateState, dt: float | Floats) -> PlateState:
-        """State after ``dt`` [s] without force, exactly; several durations give a state of arrays."""
+    def free(self, u: float, v: float, dt: Any) -> tuple[Any, Any, Any]:
+        """Displacement [m], velocity and acceleration after ``dt`` [s] without force, exactly, from those at first."""
         omega = 2.0 * pi * self.frequency
         rate = self.damping_ratio * omega
         damped = omega * sqrt(1.0 - self.damping_ratio**2)
         envelope, c, s = np.exp(-rate * dt), np.cos(damped * dt), np.sin(damped * dt)
-        u, v = state.displacement, state.velocity
         displacement = envelope * (u * c + (v + rate * u) / damped * s)
         velocity = envelope * (v * c - (rate * v + omega**2 * u) / damped * s)
         pull = self.damping * velocity + self.stiffness * displacement
-        return PlateState(displacement, velocity, -pull / self.mass)
+        return displacement, velocity, -pull / self.mass
 
 
 def modal(plate: Plate | None) -> tuple[float, float, float]:

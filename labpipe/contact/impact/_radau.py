@@ -254,24 +254,6 @@ def receding_edge(
 
 
 @inner()
-def _prepare(law: Law, fall: Fall, room: Room, n: int, h: float) -> None:
-    """Fill in what a step from the end ``n`` knows without its force: motion and weights."""
-    t = room.time[n]
-    now = room.state[n]
-    for i in range(STAGES):
-        time = POINTS[i] * h
-        dent = 0.0
-        for k in range(law.elements):
-            dent += room.center[k] * math.exp(-law.creep_rate[k] * (t + time))
-        room.base[i] = now[0] + time * (now[1] + 0.5 * fall.gravity * time) - dent
-        for m in range(STAGES):
-            room.answer[i, m] = h * h * TWICE[i, m] / fall.mass
-    if fall.plate_mass > 0.0:
-        _let_plate_answer(fall, now, h, room)
-    _gain(law, h, room)
-
-
-@inner()
 def _let_plate_answer(fall: Fall, now: Floats, h: float, room: Room) -> None:
     """Add the motion of the plate: free, and per force."""
     for i in range(STAGES):
@@ -292,9 +274,21 @@ def _let_plate_answer(fall: Fall, now: Floats, h: float, room: Room) -> None:
 
 
 @inner()
-def _gain(law: Law, h: float, room: Room) -> None:
-    """Weights of the fading integrals, and the force per approach that they amount to."""
-    for j in range(law.maxwells):
+def _prepare(law: Law, fall: Fall, room: Room, n: int, h: float) -> None:
+    """Fill in the motion without force and per force of a step from the end ``n``, and the weights of its memory."""
+    t = room.time[n]
+    now = room.state[n]
+    for i in range(STAGES):
+        time = POINTS[i] * h
+        dent = 0.0
+        for k in range(law.elements):
+            dent += room.center[k] * math.exp(-law.creep_rate[k] * (t + time))
+        room.base[i] = now[0] + time * (now[1] + 0.5 * fall.gravity * time) - dent
+        for m in range(STAGES):
+            room.answer[i, m] = h * h * TWICE[i, m] / fall.mass
+    if fall.plate_mass > 0.0:
+        _let_plate_answer(fall, now, h, room)
+    for j in range(law.maxwells):  # weights of the fading integrals, and the force per approach that they amount to
         for i in range(STAGES):
             power = POINTS[i]
             moments(law.rate[j] * h * power, room.short)
@@ -309,14 +303,6 @@ def _gain(law: Law, h: float, room: Room) -> None:
                 total += law.E[j] * room.weight[j, i, p]
             for m in range(STAGES):
                 room.gain[i, m] += total * TO_POWERS[p, m]
-
-
-@inner()
-def _spread(room: Room, i: int) -> None:
-    """Fill in derivative over s and twice the mean of the stage's field."""
-    for n in range(N_NODES):
-        room.slope[i, n] = dot(SLOPE[n], room.field[i])
-        room.area[i, n] = dot(MEANS[n], room.field[i])
 
 
 @inner()
@@ -381,19 +367,6 @@ def _recede_force(law: Law, fall: Fall, room: Room, start: float, outer: float) 
 
 
 @inner()
-def _differentiate(law: Law, room: Room, phase: Phase) -> None:
-    """Fill in the derivative of the miss of each stage; the load at the edge is 0 and adds none."""
-    for i in range(STAGES):
-        for m in range(STAGES):
-            total = 1.0 if i == m else 0.0
-            x = room.radius[m] if phase.recedes else room.edge[m]
-            for o in range(STAGES):
-                width = room.radius[o] if phase.recedes else x
-                total += room.answer[i, o] * room.gain[o, m] * 2.0 * width
-            room.matrix[i, m] = total + room.answer[i, m] * law.E_relaxed * 2.0 * x
-
-
-@inner()
 def _newton(law: Law, fall: Fall, room: Room, n: int, h: float, phase: Phase) -> bool:
     """Solve for the approaches at the stages: motion against force."""
     time, start = room.time[n], room.approach[n]
@@ -408,7 +381,14 @@ def _newton(law: Law, fall: Fall, room: Room, n: int, h: float, phase: Phase) ->
             _advance_force(law, fall, room, time, h, phase)
         for i in range(STAGES):
             room.right[i, 0] = room.delta[i] - room.base[i] + dot(room.answer[i], room.force[:])
-        _differentiate(law, room, phase)
+        for i in range(STAGES):  # derivative of the miss; the load at the edge is 0 and adds none
+            for m in range(STAGES):
+                x = room.radius[m] if phase.recedes else room.edge[m]
+                total = (1.0 if i == m else 0.0) + room.answer[i, m] * law.E_relaxed * 2.0 * x
+                for o in range(STAGES):
+                    width = room.radius[o] if phase.recedes else x
+                    total += room.answer[i, o] * room.gain[o, m] * 2.0 * width
+                room.matrix[i, m] = total
         eliminate(room.matrix[:], room.right[:])
         change = 0.0
         for i in range(STAGES):
@@ -437,7 +417,9 @@ def _fields(law: Law, room: Room, n: int, h: float, phase: Phase) -> None:
                     factor = math.exp(-law.creep_rate[k] * time)
                 for m in range(N_NODES):
                     room.field[i, m] += factor * (room.node_field[k, m] if phase.recedes else room.dent[k, m])
-            _spread(room, i)
+            for n_node in range(N_NODES):  # derivative over s, and twice the mean from the centre
+                room.slope[i, n_node] = dot(SLOPE[n_node], room.field[i])
+                room.area[i, n_node] = dot(MEANS[n_node], room.field[i])
         room.known[i] = 0.0
         for j in range(law.maxwells):
             left = math.exp(-law.rate[j] * POINTS[i] * h)
@@ -486,13 +468,7 @@ def accept(law: Law, fall: Fall, room: Room, n: int, h: float, phase: Phase) -> 
             edge = room.edge[m] if phase.recedes else room.edge[m] ** 2
             room.powers[n, p] += TO_POWERS[p, m] * (room.delta[m] - room.approach[n])
             room.edge_powers[n, p] += TO_POWERS[p, m] * (edge - phase.start_edge)
-    _fade_on(law, room, n, h, phase)
-
-
-@inner()
-def _fade_on(law: Law, room: Room, n: int, h: float, phase: Phase) -> None:
-    """Bring the fading integrals to the end of a step."""
-    for j in range(law.maxwells):
+    for j in range(law.maxwells):  # the fading integrals at the end
         left = math.exp(-law.rate[j] * h)
         room.fading[n + 1, j] = left * room.fading[n, j]
         for p in range(STAGES):
@@ -502,14 +478,12 @@ def _fade_on(law: Law, room: Room, n: int, h: float, phase: Phase) -> None:
         room.held[j] *= left
         for m in range(STAGES):
             change = room.bulk[m] - phase.bulk
-            if phase.dented:
-                for k in range(law.elements):
-                    change += (law.mixed[j, k] - 1.0) * room.cross[m, k]
+            for k in range(law.elements if phase.dented else 0):
+                change += (law.mixed[j, k] - 1.0) * room.cross[m, k]
             for p in range(STAGES):
                 room.held[j] += room.weight[j, STAGES - 1, p] * TO_POWERS[p, m] * change
-    if phase.dented and not phase.recedes:
-        for k in range(law.elements):
-            room.last[k] = room.moment[STAGES - 1, k]
+    for k in range(law.elements if phase.dented and not phase.recedes else 0):
+        room.last[k] = room.moment[STAGES - 1, k]
 
 
 @inner()

@@ -38,8 +38,8 @@ class Motion:
     plate_acceleration: float = 0.0
     plate_loss: float = 0.0
 
-    def record(self) -> np.record:
-        """Return the same as a record, as compiled steps take it."""
+    def record(self) -> Any:
+        """Return the same as a record, as compiled steps take it: of one, access from Python is slow."""
         return blank(MOTION, **{name: getattr(self, name) for name in Motion.__annotations__})
 
     def take(self, record: Any) -> None:
@@ -65,7 +65,7 @@ MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
 Trail = NDArray[np.void]
 
 
-def blank(dtype: np.dtype[np.void], **values: float | Floats) -> np.record:
+def blank(dtype: np.dtype[np.void], **values: float | Floats) -> Any:
     """Return one record of zeros, with the fields that are given; the machine takes up only what is used."""
     row: np.recarray[tuple[int], np.dtype[np.record]] = np.zeros(1, dtype).view(np.recarray)
     for name, value in values.items():

@@ -102,7 +102,7 @@ class Stepper:
         one, now, expected, room = self.one, self.now, self.expected, self.room
         # What has decayed this far would only slow the processor down (subnormal numbers).
         room.memory[np.abs(room.memory) < 1e-200] = 0.0
-        room.load[:], room.displacement[:] = 0.0, room.memory.sum(axis=0)
+        room.load[:] = 0.0
         tolerance = _STAYS if one.rows_only else min(max(one.rtol, _REST_RANGE[0]), _REST_RANGE[1])
         period, plate_speed = expected.rest_period, inf
         if one.plate is not None:
@@ -202,16 +202,11 @@ class Stepper:
         if self.bed.size == n:
             self.look(inf)  # no sphere is left
         self.room = room_for(self.bed.size, self.creep_law.rate.size)
-        self.room.memory[:, :n], self.room.load[:n], self.room.displacement[:n] = old.memory, old.load, old.displacement
+        self.room.memory[:, :n], self.room.load[:n] = old.memory, old.load
 
 
 def _shaking_speed(one: Setting, plate: Plate, creep: Creep, expected: Scales) -> float:
-    """Speed [m/s] of a plate below which it does not shake the sphere off.
-
-    The swing of the plate holds the energy of a lift-off then; or, as a heavy plate swings alone,
-    its acceleration is that of gravity, raised by the resonance of the sphere on any contact from
-    that of its weight at first to the largest.
-    """
+    """Speed [m/s] of a plate below which it does not shake the sphere off, by its energy or by its acceleration."""
     ratio = plate.mass / one.mass
     by_energy = expected.rest_speed / sqrt(ratio)
     if ratio < _HEAVY_PLATE:
@@ -223,5 +218,6 @@ def _shaking_speed(one: Setting, plate: Plate, creep: Creep, expected: Scales) -
     least, most = (0.5 * one.mass * omega**2 * abs(compliance) / radius for radius in radii)
     in_phase = float(compliance.real) / abs(compliance)
     inertia = min(max(in_phase, least), most)  # over the stiffness, where the resonance is largest
+    # a heavy plate swings alone: gravity against its acceleration, raised by the resonance of the sphere on a contact
     from_resonance = sqrt(max(1.0 + inertia * (inertia - 2.0 * in_phase), 0.0))
     return max(by_energy, from_resonance * one.gravity / omega)

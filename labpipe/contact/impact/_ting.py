@@ -28,6 +28,7 @@ from labpipe.contact.impact._radau import (
     accept,
     attempt,
     crossing,
+    dot,
     fade,
     gap,
     maximum_between,
@@ -76,10 +77,7 @@ def _begin(law: Law, room: Room) -> None:
     for k in range(law.elements):
         room.last[k] = 0.0
         for m in range(N_NODES):
-            total = 0.0
-            for o in range(N_NODES):
-                total += MEANS[m, o] * room.dent[k, o]
-            room.primitive[k, m] = total
+            room.primitive[k, m] = dot(MEANS[m], room.dent[k])
         room.rim[k] = room.dent[k, 0]
     room.time[0] = 0.0
     for j in range(law.maxwells):

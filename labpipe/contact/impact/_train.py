@@ -15,14 +15,13 @@ from math import inf, nan, sqrt
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._bounce import Curves, Dents, bounce
-from labpipe.contact.impact._flight import time_of_flight
+from labpipe.contact.impact._bounce import Dents, bounce
 from labpipe.contact.impact._method import Tables
-from labpipe.contact.impact._plate import PlateState, modal
+from labpipe.contact.impact._plate import modal
 from labpipe.contact.impact._records import Counts, Fall, Motion, Trail
 from labpipe.contact.impact._setting import Scales, Setting
 from labpipe.contact.impact._stepper import Stepper
-from labpipe.contact.impact._trajectory import FLIGHT_SAMPLES, Course, flown, stepped
+from labpipe.contact.impact._trajectory import FLIGHT_SAMPLES, Course, flown, stepped, time_of_flight
 from labpipe.errors import InputError
 
 #: Springs are laid out and taken into a contact this far beyond the radius expected.
@@ -36,21 +35,23 @@ _FIRST, _LONGEST, _COLLOCATED_SHARE = 1e-6, 0.34, 0.05
 # Steps that one contact takes, and work that a step may take on average, in updates of one element of one spring.
 _STEPS_PER_CONTACT, _UPDATES_PER_STEP = 20, 20_000
 
-#: Columns of an impact, by their names in the result.
-COLUMNS = (
-    "impact_time",
-    "lift_off_time",
-    "contact_duration",
-    "impact_speed",
-    "rebound_speed",
-    "restitution",
-    "peak_force",
-    "peak_contact_radius",
-    "peak_approach",
-    "penetration",
-    "energy_dissipated",
-    "energy_stored",
-)
+#: Units and names of the quantities of an impact, and those of them that a row holds.
+ROWS = {
+    "impact_time": ("s", "time of touch"),
+    "lift_off_time": ("s", "time of lift-off"),
+    "contact_duration": ("s", "duration of the contact"),
+    "impact_speed": ("m/s", "speed at touch"),
+    "rebound_speed": ("m/s", "speed at lift-off"),
+    "restitution": ("1", "coefficient of restitution"),
+    "peak_force": ("N", "largest contact force"),
+    "peak_contact_radius": ("m", "largest contact radius"),
+    "peak_pressure": ("Pa", "largest contact pressure, of Hertz's distribution"),
+    "peak_approach": ("m", "largest approach"),
+    "penetration": ("m", "largest depth of the sphere below its level at touch"),
+    "energy_dissipated": ("J", "energy dissipated during the contact"),
+    "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
+}
+COLUMNS = tuple(name for name in ROWS if name != "peak_pressure")
 
 
 @dataclass(slots=True)
@@ -164,7 +165,7 @@ class Train:
         one, scale = self.setting, self.expected.duration
         steps = _COLLOCATED_SHARE * one.rtol * speed, _LONGEST * scale, _FIRST * scale
         fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *modal(one.plate), *steps)
-        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts)
+        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts, self.times)
         if found is None:
             return False
         self._look(found.largest)
@@ -172,9 +173,10 @@ class Train:
         self._deepest = max(self._deepest, found.deepest)
         sunk = found.deepest - (self._begun.position if self._begun else 0.0)
         self._peaks.append((found.peak_force, found.largest, found.peak_approach, sunk))
-        if self.course is not None:
-            curves = Curves.of(self.tables, fall, found)
-            self.course.add(curves.at, curves.instants(end), curves.time[-1])
+        if self.course is not None and found.course is not None:
+            time = found.course["time"]
+            own = np.append(time[time < min(time[-1], end)], min(time[-1], end))
+            self.course.add(partial(stepped, found.course, one, False), own, float(time[-1]))
         return True
 
     def _keep_contact(self, records: Trail, *, is_resting: bool = False) -> None:
@@ -185,7 +187,7 @@ class Train:
         energy = 0.5 * one.mass * records["velocity"] ** 2 - one.mass * one.gravity * (records["position"] + one.height)
         energy = energy + records["spring_work"] + records["plate_loss"]
         if one.plate is not None:
-            energy += one.plate.energy(PlateState(records["plate_displacement"], records["plate_velocity"]))
+            energy += one.plate.energy(records["plate_displacement"], records["plate_velocity"])
         self._mislaid = float(energy[-1])
         self._worst = max(self._worst, float(np.abs(energy).max()))
         self._deepest = max(self._deepest, float(np.abs(records["position"]).max()))
@@ -247,8 +249,7 @@ class Train:
             return 0.0
         if len(self.rows) + 1 == self.most:
             return inf
-        start = PlateState(now.plate_displacement, now.plate_velocity)
-        return time_of_flight(one.gravity, now.velocity, dent, rate, one.plate, start)
+        return time_of_flight(now, one.gravity, dent, rate, one.plate)
 
     def _fly(self, dt: float) -> None:
         """Move on without contact: ballistic, the dent and the plate relax, exactly."""
@@ -261,10 +262,10 @@ class Train:
         else:
             self.stepper.room.memory[:] *= np.exp(-dt * self.tables.creep.rate)[:, None]
         if plate is not None:
-            before = PlateState(now.plate_displacement, now.plate_velocity, now.plate_acceleration)
-            after = plate.free(before, dt)
+            before = now.plate_displacement, now.plate_velocity
+            after = plate.free(*before, dt)
             now.plate_displacement, now.plate_velocity, now.plate_acceleration = after
-            now.plate_loss += plate.energy(before) - plate.energy(after)
+            now.plate_loss += plate.energy(*before) - plate.energy(*after[:2])
         now.acceleration, now.force = gravity, 0.0
         now.approach = now.position - now.plate_displacement
         now.stored = float(self._free_surface()[0].sum())

@@ -1,4 +1,9 @@
-"""Records over time of the stretches of a drop: the fall, contacts, flights, and rest.
+"""Flights, and records over time of the stretches of a drop: the fall, contacts, flights, and rest.
+
+In flight the sphere is ballistic while its dent recovers, so it touches again on the residual dent, not where
+the undeformed surface would be. On rigid ground the distance is a parabola minus a sum of decaying
+exponentials: its second derivative increases, so that it has exactly one zero after lift-off, before the
+sphere falls back to where it lifted off.
 
 Between steps the position comes from cubic Hermite interpolation of position and speed, which is the
 motion in flight exactly; force, contact radius and energies from monotone cubic interpolation, so that
@@ -7,18 +12,24 @@ none leaves the range of its steps.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import sqrt
+from typing import Any
 
 import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured, unstructured_to_structured
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._plate import PlateState
+from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._records import MOTION, Motion, Trail
 from labpipe.contact.impact._setting import Setting
+from labpipe.errors import LabpipeError
 
 #: Samples of a flight when no times are asked for, its ends included: enough for a smooth parabola.
 FLIGHT_SAMPLES = 26
+# Looks within a period of a ringing plate.
+_LOOKS_PER_PERIOD = 32
 
 
 @dataclass(slots=True)
@@ -47,6 +58,40 @@ class Course:
         return np.concatenate(self._parts)
 
 
+def time_of_flight(start: Motion, gravity: float, dent: Floats, rate: Floats, plate: Plate | None) -> float:
+    """Time [s] from lift-off, at which both part, to the next touch.
+
+    ``dent``, ``rate`` (element,) [m] [1/s]: displacements of the elements of the central spring at lift-off, and their
+    rates of recovery. A ringing plate is looked at so often that no touch is missed that lasts longer than a small
+    part of its period, but only within reach of its swing, which only falls.
+    """
+    velocity, u = start.velocity, start.plate_displacement
+
+    def sunk(time: Any) -> Any:
+        """Depth [m] to which the sphere, let alone, would have sunk into the surface, whose dent recovers."""
+        raised = plate.free(u, start.plate_velocity, time)[0] - u if plate else 0.0
+        return (velocity + 0.5 * gravity * time) * time - np.expm1(-np.multiply.outer(time, rate)) @ dent - raised
+
+    reach = 0.0 if plate is None else sqrt(2.0 * plate.energy(u, start.plate_velocity) / plate.stiffness)
+    longest = (-velocity + sqrt(velocity**2 + 4.0 * gravity * reach)) / gravity * 1.001
+    looks = np.array([longest])
+    if plate is not None:
+        step = 1.0 / (plate.frequency * _LOOKS_PER_PERIOD)
+        looks = step * np.arange(1, int(longest / step) + 2)
+        highest = u + reach + float(np.maximum(dent, 0.0).sum())
+        looks = looks[(velocity + 0.5 * gravity * looks) * looks + highest >= 0.0]
+    touching = np.flatnonzero(sunk(looks) > 0.0)
+    if not touching.size:
+        raise LabpipeError("the sphere does not come back to the plate")
+    end = float(looks[touching[0]])
+    begin = 1e-9 * end if plate is None else max(end - step, 1e-9 * step)
+    while sunk(begin) >= 0.0:
+        begin *= 1e-2
+        if begin < 1e-290 * end:
+            return 0.0
+    return float(brentq(sunk, begin, end, xtol=1e-300, rtol=8.9e-16))
+
+
 def flown(start: Motion, body: Setting, stored: Floats, dent: Floats, rate: Floats, times: Floats) -> Trail:
     """Return records (time,) of a flight, known in closed form.
 
@@ -55,17 +100,17 @@ def flown(start: Motion, body: Setting, stored: Floats, dent: Floats, rate: Floa
     elements recover.
     """
     s, trail, gravity = times - start.time, np.zeros(times.size, MOTION), body.gravity
-    trail["time"], trail["velocity"] = times, start.velocity + gravity * s
+    trail["time"], trail["velocity"], trail["acceleration"] = times, start.velocity + gravity * s, gravity
     trail["approach"] = trail["position"] = start.position + (start.velocity + 0.5 * gravity * s) * s
     trail["surface"] = np.exp(-s[:, None] * rate) @ dent
     trail["stored"] = np.exp(-2.0 * s[:, None] * rate) @ stored
     trail["spring_work"], trail["plate_loss"] = start.spring_work, start.plate_loss
     if body.plate is not None:
-        first = PlateState(start.plate_displacement, start.plate_velocity, start.plate_acceleration)
-        state = body.plate.free(first, s)
+        state = body.plate.free(start.plate_displacement, start.plate_velocity, s)
         trail["plate_displacement"], trail["plate_velocity"], trail["plate_acceleration"] = state
-        trail["approach"] -= state.displacement
-        trail["plate_loss"] += body.plate.energy(first) - body.plate.energy(state)
+        trail["approach"] -= state[0]
+        trail["plate_loss"] += body.plate.energy(start.plate_displacement, start.plate_velocity)
+        trail["plate_loss"] -= body.plate.energy(*state[:2])
     return trail
 
 

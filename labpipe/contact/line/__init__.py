@@ -13,7 +13,6 @@ if TYPE_CHECKING:
         dimensionless_length as dimensionless_length,
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,
-        dissipation_map as dissipation_map,
         dynamic_stiffness as dynamic_stiffness,
         tapping_amplitude as tapping_amplitude,
     )

@@ -267,7 +267,8 @@ class _Line:
                 if "pressure" in maps:
                     rows["pressure"][n] = bed.pressure(kernel, march.room.load)
                 if "surface" in maps:
-                    rows["surface"][n] = kernel.displacement(bed.pressure(kernel, march.room.displacement))
+                    moved = self.creep.instantaneous * march.room.load + march.room.memory.sum(axis=0)
+                    rows["surface"][n] = kernel.displacement(bed.pressure(kernel, moved))
                 if progress is not None and n % max(time.size // 100, 1) == 0:
                     progress((n + 1) / time.size)
         names = ("displacement", "force", "contact_half_width", "work_done", "dissipated_energy", "stored_energy")

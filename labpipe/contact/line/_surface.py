@@ -26,6 +26,7 @@ from labpipe.arrays import Floats
 from labpipe.contact._springs import EDGE_OFFSET, SpringBed
 from labpipe.contact.line.westergaard import cosine_amplitude
 from labpipe.errors import InputError
+from labpipe.units import require_positive
 
 # exp(-2z) is below the rounding of the half-plane part from here on; wave numbers that are summed at most.
 _DEEP, _MAX_MODES = 25.0, 20_000_000
@@ -54,8 +55,7 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float, strip:
     >>> tip_height("parabola", np.array([0.0, 1e-3]), 2e-3, 8e-3)
     array([0.     , 0.00025])
     """
-    if not (np.isfinite(tip_radius) and tip_radius > 0.0):
-        raise InputError(f"the tip radius is {tip_radius} m, expected a positive length")
+    require_positive("m", tip_radius=tip_radius)
     if not isinstance(profile, str) or profile not in ("parabola", "circle", "cosine"):
         raise InputError(f'profile "{profile}" is unknown; use one of parabola, circle, cosine')
     share = strip**2 / 48.0
@@ -135,8 +135,7 @@ def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: flo
     >>> line_kernel(8e-3, 64, thickness=1e-3, nu=0.35).datum
     'rigid base (absolute)'
     """
-    if not (np.isfinite(period) and period > 0.0):
-        raise InputError(f"the period is {period} m, expected a positive length")
+    require_positive("m", period=period)
     if elements != int(elements) or elements < 8 or elements % 2:
         raise InputError(f"{elements} elements per period, expected an even number from 8 up")
     if not thickness > 0.0:

@@ -20,14 +20,12 @@ The theory keeps the contact width; it is the limit of small α. Beyond α_c the
 from typing import Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Complexes, Floats
 from labpipe.contact.line.westergaard import cosine_amplitude, from_displacement
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.variables import described
 
 
 def _relaxed_square(material: Prony, tip_radius: float, period: float, mean_indentation: float) -> float:
@@ -203,53 +201,6 @@ def tapping_amplitude(
     reserve = mean_indentation - cosine_amplitude(tip_radius, period) * square
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
     return np.asarray(material.E_relaxed * reserve / np.abs(material.complex_modulus(omega)))
-
-
-def dissipation_map(
-    material: Prony,
-    frequency: ArrayLike,
-    amplitude: ArrayLike,
-    mean_indentation: float,
-    tip_radius: float,
-    period: float,
-    depth: float = 1.0,
-) -> xr.Dataset:
-    """Dissipated work over frequency and amplitude with the tapping front (thesis figure 2.6).
-
-    Returns
-    -------
-    Dataset
-        Over ``frequency`` [Hz] and ``amplitude`` [m]: ``dissipated_work`` [J], NaN beyond the front, and
-        ``dimensionless_work``, eq. (2.40); over ``frequency``: ``tapping_amplitude`` [m].
-
-    See Also
-    --------
-    dissipated_work : the other parameters.
-
-    Examples
-    --------
-    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
-    >>> dissipation_map(rubber, [1.0, 2.0], [1e-6, 2e-6, 3e-6], 1e-4, 2e-3, 8e-3).sizes
-    Frozen({'frequency': 2, 'amplitude': 3})
-    """
-    f = np.atleast_1d(np.asarray(frequency, dtype=float))
-    alpha = np.atleast_1d(np.asarray(amplitude, dtype=float))
-    geometry = (mean_indentation, tip_radius, period)
-    work = dissipated_work(material, f[:, None], alpha, *geometry, depth, beyond="nan")
-    scaled = dimensionless_work(work, material, tip_radius, period, depth)
-    front = tapping_amplitude(material, f, *geometry)
-    plane = ("frequency", "amplitude")
-    return xr.Dataset(
-        {
-            "dissipated_work": (plane, work, described("J", "Dissipated work per cycle")),
-            "dimensionless_work": (plane, scaled, described("1", "Dimensionless dissipated work")),
-            "tapping_amplitude": ("frequency", front, described("m", "Tapping front")),
-        },
-        {
-            "frequency": ("frequency", f, described("Hz", "Frequency")),
-            "amplitude": ("amplitude", alpha, described("m", "Amplitude")),
-        },
-    )
 
 
 def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Floats:

@@ -98,12 +98,8 @@ def load_sphere(
     >>> np.round(found.approach.values * 1e6, 3)
     array([4.116, 6.534])
     """
-    times, loads = checked_load(time, load)
-    creep, radius = Creep.of(solid(material)).on(counter_compliance(substrate)), si(radius, "m", "radius")
-    softest = float(creep.compliance(float(times[-1] - times[0])))
-    largest = max(float(loads.max()), np.finfo(float).tiny)
-    reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
-    return _run(creep, radius, reach, profile, springs, times, loads, "force", rtol)
+    body = material, radius, substrate, profile, springs
+    return _pressed(body, *checked_load(time, load), "force", rtol)
 
 
 def press_sphere(
@@ -136,25 +132,22 @@ def press_sphere(
     >>> round(float(found.force[1] / (4 / 3 * 1e-3)), 4)
     0.7236
     """
-    times, depth = checked_history(time, approach, "approach")
-    creep, radius = Creep.of(solid(material)).on(counter_compliance(substrate)), si(radius, "m", "radius")
-    deepest = max(float(depth.max()), np.finfo(float).tiny)
-    reach = float(static_approach(deepest, radius, 1.0).contact_radius)
-    return _run(creep, radius, reach, profile, springs, times, depth, "displacement", rtol)
+    body = material, radius, substrate, profile, springs
+    return _pressed(body, *checked_history(time, approach, "approach"), "displacement", rtol)
 
 
-def _run(
-    creep: Creep,
-    radius: float,
-    reach: float,
-    profile: Profile,
-    springs: int,
-    time: Floats,
-    value: Floats,
-    control: Control,
-    rtol: float | None,
+def _pressed(
+    body: tuple[Solid, Measure, Substrate, str, int], time: Floats, value: Floats, control: Control, rtol: float | None
 ) -> xr.Dataset:
-    """March springs out to a contact radius ``reach`` [m] through a checked history."""
+    """March springs out to the largest contact radius through a checked history of load or approach."""
+    material, stated, substrate, profile, springs = body
+    creep, radius = Creep.of(solid(material)).on(counter_compliance(substrate)), si(stated, "m", "radius")
+    largest = max(float(value.max()), np.finfo(float).tiny)
+    if control == "force":
+        softest = float(creep.compliance(float(time[-1] - time[0])))
+        reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
+    else:
+        reach = float(static_approach(largest, radius, 1.0).contact_radius)
     if springs < 10:
         raise InputError(f"{springs} springs cannot resolve a contact; give at least 10")
     if str(profile) not in ("parabola", "sphere"):

@@ -50,24 +50,6 @@ def test_tapping_matches_the_closed_form_springs(material, column, loss, rtol) -
 
 
 @pytest.mark.parametrize(
-    ("thickness", "nu", "expected"),
-    [
-        (1e-3, 0.35, 1.367032e-5),
-        (4e-3, 0.35, 8.11652e-6),
-        (80e-3, 0.35, 2.06517e-6),
-        (np.inf, 0.35, 9.53699289e-6),
-        (1e-3, 0.4999, 1.74040e-5),
-    ],
-)
-def test_layer_forces_match_the_table(thickness, nu, expected) -> None:
-    material = elastic(nu, 1.0 - nu**2)
-    result = indent(material, RADIUS, PERIOD, 1.0, [0.0], [20e-6], thickness=thickness)
-    assert float(result.force[0]) == pytest.approx(expected, rel=1e-4)
-    datum = "mean surface" if np.isinf(thickness) else "rigid base (absolute)"
-    assert result.attrs["datum"] == datum
-
-
-@pytest.mark.parametrize(
     ("time", "displacement", "match"),
     [
         ([0.0, 1.0], [0.0, np.nan], r"displacement\[1\] is nan"),

@@ -12,6 +12,7 @@ import numpy as np
 
 from labpipe import identification
 from labpipe.arrays import Floats
+from labpipe.identification._posterior import ln_moduli
 from labpipe.uncertainty import propagated_u
 from pipelines.rig.solids import Element, Viscoelastic
 
@@ -83,7 +84,8 @@ def hold_trial(seed: int) -> Trial:
     found, exact = identification.moduli(known, FREQUENCIES), solid.modulus(FREQUENCIES)
     value = np.concatenate([found.storage, found.loss_factor])
     u = np.concatenate([found.u_ln_storage, found.u_ln_loss_factor])
-    bound = propagated_u(found.derivatives, known.covariance)
+    by_xi = ln_moduli(known.fit.problem.spectrum, known.fit.xi, 2.0 * np.pi * FREQUENCIES)[1]
+    bound = propagated_u(by_xi, known.covariance)
     deviations = np.log(value / np.concatenate([exact.real, exact.imag / exact.real])) / u
     relaxed = identification.long_time_modulus(known)
     return Trial(deviations, u / bound, relaxed.low <= solid.relaxed <= relaxed.high)

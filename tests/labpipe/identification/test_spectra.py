@@ -5,17 +5,6 @@ from labpipe.errors import InputError
 from labpipe.identification import Parameter, SmoothSpectrum, relaxation_times
 
 
-def test_slopes_are_the_derivatives() -> None:
-    spectrum = SmoothSpectrum(relaxation_times(1e-2, 1e2), 0.5)
-    xi = 0.3 * np.cos(np.arange(len(spectrum.parameters)))
-    slopes = spectrum.slopes(xi)
-    for k in range(xi.size):
-        step = np.zeros(xi.size)
-        step[k] = 1e-4
-        change = (spectrum.log_terms(xi + step) - spectrum.log_terms(xi - step)) / 2e-4
-        assert np.allclose(slopes[:, k], change, atol=1e-5)
-
-
 @pytest.mark.parametrize("per_decade", [1, 2, 6])
 def test_changes_of_the_prior_are_a_factor_of_ten_within_two_deviations(per_decade: int) -> None:
     spectrum = SmoothSpectrum(10.0 ** (np.arange(3 * per_decade + 1) / per_decade), 0.5)

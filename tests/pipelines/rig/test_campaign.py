@@ -10,7 +10,7 @@ import pytest
 from labpipe import files
 from labpipe.errors import UsageError
 from pipelines.figures import FIGURES, make
-from pipelines.rig import campaign, dma, plate_session, static_loading
+from pipelines.rig import campaign, dma, plate_session, session_text, static_loading
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.samples import write_sample
@@ -40,14 +40,14 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def one(pattern: str) -> object:
         return lambda folder, name, *rest: touched(folder, pattern.format(name))[0]
 
-    def rubber(folder: Path, *rest: object) -> tuple[list[str], str]:
+    def rubber(folder: Path, *rest: object) -> str:
         specimen = Specimen.__new__(Specimen)  # its sections need the shape alone
         for field, value in (("tip_radius", 2e-3), ("period", 8e-3), ("depth", 6e-3), ("tips", 3)):
             object.__setattr__(specimen, field, value)
         names = touched(folder, "mach1/nbr_relaxation.txt", "mach1/nbr_harmonic.txt")
         touched(folder, "calibration/load_cell.toml")
         text = relaxation_section("nbr_relaxation", names[:1], specimen)
-        return names, text + oscillation_section("nbr_harmonic", specimen)
+        return text + oscillation_section("nbr_harmonic", specimen)
 
     monkeypatch.setattr(campaign, "write_drops", drops)
     monkeypatch.setattr(plate_session, "write_ringing", ringing)
@@ -59,7 +59,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(campaign, "burst_times", lambda *rest: None)
     parts = campaign._parts(tmp_path, START, campaign.THESIS)
     sections = [part.write() for part in parts]
-    campaign._write_session(tmp_path, sections, is_binned=True)
+    session_text.write_session(tmp_path, "Campaign", campaign.joined(sections))
     names = [name for part in parts for name in part.names]
     assert set(names) | {"plate"} == set(tomllib.loads((tmp_path / "session.toml").read_text("utf-8"))["experiments"])
     return tmp_path
