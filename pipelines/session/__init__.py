@@ -10,9 +10,12 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
-    from pipelines.session._compare import compare as compare
     from pipelines.session._compare_page import beside as beside
-    from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
+    from pipelines.session._comparison import (
+        Comparison as Comparison,
+        compare as compare,
+        comparison_text as comparison_text,
+    )
     from pipelines.session._doctor import Health as Health, doctor as doctor
     from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
     from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export

@@ -1,23 +1,35 @@
-"""Comparisons of measurement and model over a session: the rows of its experiments, named and labelled."""
+"""The verb compare: measurement against model over all experiments of a session.
+
+The comparisons of an experiment are in its own results; here the rows of all kinds are collected.
+A curve gives its normalised root-mean-square error and bias, an event (a restitution, a largest
+radius, the work of a cycle) its two values and their difference with its uncertainty.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.workflow.context import settings_in_words
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.tasks import field_value
-from pipelines.experiments import KINDS
+from pipelines.experiments import JUDGEMENT, KINDS
+from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.session._results import derive
+from pipelines.session._overview import COMPARISON_PAGE, write_overview
+from pipelines.session._processing import process
+from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
+from pipelines.session._verdicts import stored_verdicts
+
+if TYPE_CHECKING:
+    from labpipe.workflow.run_result import Event
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -25,7 +37,7 @@ class Comparison(ShownAsTable):
     """All rows of a session, and the experiments that failed or compare nothing, with reasons.
 
     ``page`` is the HTML file. ``experiments`` holds, for each that is judged as a whole, its chi
-    square, and the smallest error of each input that it would have shown; ``variants`` each variant and its base.
+    square, and the smallest error of each input that it would have shown.
     """
 
     rows: tuple[Row, ...]
@@ -33,7 +45,6 @@ class Comparison(ShownAsTable):
     absent: dict[str, str]
     page: Path
     experiments: tuple[dict[str, Any], ...] = ()
-    variants: tuple[SideBySide, ...] = ()
 
     def _shown(self) -> Shown:
         rows = [(r.experiment, r.condition, r.quantity, comparison_text(r)) for r in self.rows]
@@ -42,47 +53,103 @@ class Comparison(ShownAsTable):
         return Shown(f"{len(self.rows)} comparisons, {self.page}", titles, rows)
 
 
-@dataclass(frozen=True, slots=True)
-class SideBySide:
-    """Two experiments: the settings that differ where one is a variant, and their rows in pairs, base first."""
+def compare(
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
+) -> Comparison:
+    """Compare measurement and model of every experiment of a session, on one page.
 
-    name: str
-    base: str
-    changed: Mapping[str, tuple[str, str]]
-    rows: tuple[tuple[Row, Row], ...]
+    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
 
-    @property
-    def changes(self) -> str:
-        """The settings that differ, in words."""
-        return settings_in_words(self.changed)
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    jobs : int
+        Experiments processed side by side.
+    keep : bool or None
+        Take results of earlier code as they are; by default those that an earlier run took.
+    progress : callable, optional
+        Called with every event of the processing.
 
-    def document(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        rows = [{"base": old.document(), "variant": new.document()} for old, new in self.rows]
-        return {"name": self.name, "base": self.base, "changed": dict(self.changed), "rows": rows}
+    Returns
+    -------
+    Comparison
+        Rows with the measured and the simulated value of each quantity, and the page.
+
+    Raises
+    ------
+    ConfigError, SourceError
+        The session cannot be opened.
+
+    Examples
+    --------
+    >>> for row in compare("my-session").rows:  # doctest: +SKIP
+    ...     print(row.experiment, row.quantity, row.measured, row.model)
+    """
+    from pipelines.session._compare_page import render
+
+    session = reopen_session(folder)
+    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
+    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
+    names = {target.split("/")[0] for target in wanted}
+    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
+    results = opened(folder)
+    verdicts = stored_verdicts(results)
+    failed: dict[str, str] = {}
+    for outcome in run.failures if run else ():
+        name = outcome.task.experiment
+        likely = verdicts[name].cause if name in verdicts else ""
+        cause = f". Likely: {likely}" if likely else ""
+        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
+    rows: list[Row] = []
+    absent: dict[str, str] = {}
+    for name, experiment in session.experiments.items():
+        if name not in able:
+            absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
+        elif name not in failed:
+            tasks = [task for task in results.plan.tasks if task.experiment == name]
+            kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
+            own = [replace(row, kept=kept) for row in compared(results, name) or []]
+            rows += own
+            if not own:
+                absent[name] = "it has no model: session.toml names nothing to simulate"
+    whole = [
+        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
+        | judgements.compared(results.result(name, JUDGEMENT))
+        for name in judged
+        if name not in failed
+    ]
+    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
+    files.write_text(found.page, render(session, found))
+    write_overview(session, STAGES)
+    return found
 
 
-def side_by_side(session: Session, base: str, name: str, rows: Iterable[Row]) -> SideBySide:
-    """Pair the rows of two experiments that compare the same."""
-    base_rows, own = ({(r.quantity, r.unit, r.against): r for r in rows if r.experiment == n} for n in (base, name))
-    pairs = tuple((base_rows[key], own[key]) for key in base_rows if key in own)
-    return SideBySide(name, base, session.experiments[name].changed, pairs)
+def sides(row: Row) -> tuple[str, str, str]:
+    """Write the measured value of an event, the one that it is compared with, and the unit of both; "" for none."""
+    from labpipe.report import display_unit, number, plus_minus
+
+    shown = display_unit([value for value in (row.measured, row.model, row.difference) if value is not None], row.unit)
+    texts = [
+        "" if value is None else plus_minus(value / shown.factor, u / shown.factor) if u
+        else number(value / shown.factor, 5)
+        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
+    ]  # fmt: skip
+    return texts[0], texts[1], shown.text
 
 
 def comparison_text(row: Row) -> str:
     """Write the values of a row: nRMSE and bias of a curve, both sides and the deviation of an event."""
-    from labpipe.report import display_unit, number, plus_minus, quantity
+    from labpipe.report import quantity
 
     if row.nrmse is not None:
         bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
         return f"nRMSE {100 * row.nrmse:.2f} %{bias}"
-    shown = display_unit([value for value in (row.measured, row.model) if value is not None], row.unit)
-    measured, model = (
-        plus_minus(value / shown.factor, u / shown.factor) if u else number(value / shown.factor, 5)
-        for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model))
-    )
+    measured, model, unit = sides(row)
     deviation = "" if row.deviation is None else f", {row.deviation:+z.1f} u"
-    return f"{measured} against {model}{shown.text and f' {shown.text}'}{deviation}"
+    return f"{measured} against {model}{unit and f' {unit}'}{deviation}"
 
 
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
@@ -113,8 +180,7 @@ def _material(experiment: Experiment, session: Session) -> str:
     kind = KINDS[experiment.kind]
     body = getattr(experiment.settings, kind.body, None)
     texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
-    own = next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
-    if own:
+    if own := next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), ""):
         return own
     inputs = {name.removeprefix(OTHER) for s in kind.stages for name in s.inputs if name.startswith(OTHER)}
     for field in sorted({name.split("/")[0] for name in inputs}):

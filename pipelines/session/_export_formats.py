@@ -5,7 +5,6 @@ result are equal byte for byte.
 """
 
 import io
-import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -80,36 +79,31 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str], decimal: str = "
         columns = dict(zip(dims, np.meshgrid(*along, indexing="ij"), strict=True))
         columns |= {name: dataset[name].values for name in names}
         units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in columns]
-        made["-".join(dims) or "values"] = csv_text(columns, remarks, units, decimal)
+        table = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
+        made["-".join(dims) or "values"] = csv_text(table, remarks, units, decimal)
     return made
 
 
-def csv_text(
-    columns: Mapping[str, Any], remarks: Mapping[str, str], units: Iterable[str] = (), decimal: str = "."
-) -> str:
-    """Write columns as csv below remarks; no text is one that a spreadsheet takes for a formula.
+def csv_text(table: pd.DataFrame, remarks: Mapping[str, str], units: Iterable[str] = (), decimal: str = ".") -> str:
+    """Write a table as csv below remarks; no text is one that a spreadsheet takes for a formula.
 
     With a decimal comma, semicolons separate the columns.
 
     Examples
     --------
-    >>> print(csv_text({"x": [0.5, 2.0]}, {}, ["m"], ","), end="")
+    >>> print(csv_text(pd.DataFrame({"x": [0.5, 2.0]}), {}, ["m"], ","), end="")
     x
     m
     0,5
     2,0
     """
-    frame = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
-    for name in frame.columns:
-        if frame[name].dtype.kind == "b":
-            frame[name] = frame[name].astype(int)
-        elif frame[name].dtype.kind not in "fiu":
-            frame[name] = [safe_text(value) if isinstance(value, str) else value for value in frame[name]]
-            if decimal == ",":  # pandas writes numbers of mixed columns with a point
-                frame[name] = [
-                    str(v).replace(".", ",") if isinstance(v, float) and not math.isnan(v) else v for v in frame[name]
-                ]
-    top = pd.DataFrame([list(map(safe_text, row)) for row in (columns, units) if row])
+    frame = table.copy()
+    for name, column in table.items():
+        if column.dtype.kind == "b":
+            frame[name] = column.astype(int)
+        elif column.dtype.kind not in "fiu":
+            frame[name] = column.map(lambda value: safe_text(value) if isinstance(value, str) else value)
+    top = pd.DataFrame([list(map(safe_text, row)) for row in (map(str, table.columns), units) if row])
     head = "".join(f"# {key}: {_HIDDEN.sub(_APART, one_line(value))}\n" for key, value in remarks.items())
     absent = "nan" if units else ""
     style: dict[str, Any] = {"index": False, "header": False, "sep": ";" if decimal == "," else ","}

@@ -92,7 +92,7 @@ def process(
         Address of a Dask scheduler, ``tcp://host:port``, whose workers compute instead; the
         session must lie under the same path for all of them.
     full : bool
-        Without the shortcuts that skip what a scene does not need.
+        Without the shortcuts that skip parts that a scene does not need.
     keep : bool or None
         Take results of earlier code as they are where nothing else has changed, and say so on
         every page; with None, those that an earlier run took. By default all is made again.
@@ -178,7 +178,7 @@ def process_all(
 
 
 def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived]], *, jobs: int = 1) -> Results:
-    """Process what stands behind values derived from experiments, and open the results.
+    """Process the steps behind values derived from experiments, and open the results.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes:
     """Keep the verdicts on experiments that failed, and write the page of the session.
 
     Where processes have worked, one more of them writes it, which has NumPy loaded. Variants get a page of their own
-    beside their base.
+    with their base.
     """
     if session.variants:
         from pipelines.session._compare_page import write_variants

@@ -1,32 +1,31 @@
 """One table of a session for a thesis: a row for each quantity, with the value that it is compared with.
 
-The same rows become a sheet of a workbook, a table of LaTeX and one of csv.
+The same frame becomes a sheet of a workbook, a table of LaTeX and one of csv.
 """
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping
 
-import numpy as np
 import pandas as pd
 
-from labpipe.report import display_unit, number, plus_minus
+from labpipe.report import number
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
-from pipelines.session._comparison import compared, labelled
-from pipelines.session._export_formats import csv_text, one_line
+from pipelines.session._comparison import compared, labelled, sides
+from pipelines.session._export_formats import one_line
 from pipelines.session._verdicts import told_verdicts
 
-COLUMNS = (
-    "experiment", "kind", "material", "condition", "quantity", "unit", "value", "u", "n", "compared with", "expected",
-    "u of expected", "difference", "u of difference", "deviation in u", "p", "nRMSE", "believable", "model",
-)  # fmt: skip
-"""Headings; values are in SI, ``u`` is a standard uncertainty."""
+_FIELDS = {
+    "experiment": "experiment", "kind": "kind", "material": "material", "condition": "condition",
+    "quantity": "quantity", "unit": "unit", "value": "measured", "u": "u_measured", "n": "n",
+    "compared with": "against", "expected": "model", "u of expected": "u_model", "difference": "difference",
+    "u of difference": "u_difference", "deviation in u": "deviation", "p": "p", "nRMSE": "nrmse",
+}  # fmt: skip
+"""Headings, and the fields of a row below them; values are in SI, ``u`` is a standard uncertainty."""
 
 _LATEX = str.maketrans(
     {c: f"\\{c}" for c in "&%$#_{}"}
@@ -37,91 +36,66 @@ _LATEX = str.maketrans(
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One quantity of one experiment.
+def rows_of(results: Results, experiments: Iterable[str] = ()) -> list[Row]:
+    """Gather the quantities of some experiments, or of all, whose results are up to date.
 
-    ``row`` is the measured value and the one that it is compared with; of a key number that is compared with
-    nothing ``against`` is empty. ``believable`` and ``model`` are the verdict on its experiment, or "".
+    A key number that is compared with nothing has an empty ``against``.
     """
-
-    row: Row
-    believable: str
-    model: str
-
-    @property
-    def cells(self) -> tuple[Any, ...]:
-        """Values in the order of :data:`COLUMNS`; None for those that there are not."""
-        r = self.row
-        head = (r.experiment, r.kind, r.material, r.condition, r.quantity, r.unit, r.measured, r.u_measured, r.n)
-        judged = (r.difference, r.u_difference, r.deviation, r.p, r.nrmse, self.believable, self.model)
-        return (*head, r.against, r.model, r.u_model, *judged)
-
-
-def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
-    """Gather the quantities of some experiments, or of all, whose results are up to date."""
     wanted = set(experiments) or set(results.experiments)
-    session, verdicts = results.plan.session, told_verdicts(results.folder)
-    found = []
+    found: list[Row] = []
     for name, experiment in results.experiments.items():
         if name not in wanted:
             continue
-        verdict = (verdicts[name].believable, verdicts[name].model) if name in verdicts else ("", "")
-        rows = compared(results, name) or []
-        known = {r.measured for r in rows}  # a key number may be one of those that are compared
+        own = compared(results, name) or []
+        known = {r.measured for r in own}  # a key number may be one of those that are compared
+        found += own
         for key in KINDS[experiment.kind].key_numbers:
             dataset = results.first(name, key.stage)
-            if dataset is not None and (own := key.within(dataset)) is not None and own[0] not in known:
-                u = math.nan if own[1] is None else own[1]
-                one = row(key.title, key.unit, 1, against="", measured=own[0], u_measured=u)
-                rows.append(labelled(one, experiment, session))
-        found += [Line(r, *verdict) for r in rows]
+            if dataset is not None and (value := key.within(dataset)) is not None and value[0] not in known:
+                pair = (value[0], math.nan if value[1] is None else value[1])
+                one = row(key.title, key.unit, 1, against="", measured=pair)
+                found.append(labelled(one, experiment, results.plan.session))
     return found
 
 
-def table_csv(found: Sequence[Line], remarks: Mapping[str, str], decimal: str = ".") -> str:
-    """Write the table as csv, values exact and in SI."""
-    columns = zip(*(line.cells for line in found), strict=True)
-    return csv_text({n: np.array(c, object) for n, c in zip(COLUMNS, columns, strict=True)}, remarks, decimal=decimal)
+def frame(results: Results, rows: Iterable[Row]) -> pd.DataFrame:
+    """Return one line for each quantity, in SI, with the verdict on its experiment; texts are on one line."""
+    verdicts = told_verdicts(results.folder)
+    cells = [
+        {title: getattr(r, name) for title, name in _FIELDS.items()}
+        | ({n: getattr(verdicts[r.experiment], n) for n in ("believable", "model")} if r.experiment in verdicts else {})
+        for r in rows
+    ]
+    table = pd.DataFrame(cells, columns=[*_FIELDS, "believable", "model"]).fillna({"believable": "", "model": ""})
+    return table.map(lambda value: one_line(value) if isinstance(value, str) else value)
 
 
-def tex_text(found: Sequence[Line], remarks: Mapping[str, str]) -> str:
+def tex_text(rows: Iterable[Row], table: pd.DataFrame, remarks: Mapping[str, str]) -> str:
     r"""Write the table for LaTeX; it wants ``\usepackage{booktabs}`` and nothing else.
 
     Each number is rounded to two digits of its uncertainty and has the prefix that its size asks
     for. Curves give their nRMSE.
     """
-    head = ("experiment", "quantity", "unit", "measured", "expected", "deviation", "verdict")
     body = []
-    for line in found:
-        r = line.row
-        shown = display_unit([v for v in (r.measured, r.model, r.difference) if v is not None], r.unit)
+    for r, believable, model in zip(rows, table["believable"], table["model"], strict=True):
+        measured, expected, unit = sides(r)
         deviation = "" if r.deviation is None else f"{number(r.deviation, 2)} u"
-        unit, factor = shown.text, shown.factor
         if r.nrmse is not None:
-            unit, factor, deviation = "", 1.0, f"nRMSE {number(100 * r.nrmse, 2)} %"
-        verdict = ", model ".join(part for part in (line.believable, line.model) if part and part != "none")
-        values = (_shown(r.measured, r.u_measured, factor), _shown(r.model, r.u_model, factor))
+            unit, deviation = "", f"nRMSE {number(100 * r.nrmse, 2)} %"
+        verdict = ", model ".join(part for part in (believable, model) if part and part != "none")
         quantity = ", ".join(part for part in (r.quantity, r.condition) if part)
-        body.append((r.experiment, quantity, unit, *values, deviation, verdict))
+        body.append((r.experiment, quantity, unit, measured, expected, deviation, verdict))
+    head = ("experiment", "quantity", "unit", "measured", "expected", "deviation", "verdict")
     above = "".join(f"% {key}: {one_line(value)}\n" for key, value in remarks.items())
-    titles, *rows = (
+    titles, *lines = (
         " & ".join(one_line(cell).translate(_LATEX) for cell in cells) + r" \\" + "\n" for cells in (head, *body)
     )
     begin, middle = "\\begin{tabular}{lllllll}\n\\toprule\n", "\\midrule\n"
-    return f"{above}{begin}{titles}{middle}{''.join(rows)}\\bottomrule\n\\end{{tabular}}\n"
+    return f"{above}{begin}{titles}{middle}{''.join(lines)}\\bottomrule\n\\end{{tabular}}\n"
 
 
-def _shown(value: float | None, u: float | None, factor: float) -> str:
-    if value is None:
-        return ""
-    return number(value / factor, 4) if not u else plus_minus(value / factor, u / factor)
-
-
-def xlsx_bytes(found: Sequence[Line], remarks: Mapping[str, str]) -> bytes:
+def xlsx_bytes(table: pd.DataFrame, remarks: Mapping[str, str]) -> bytes:
     """Write a workbook: the table, and a sheet about itself; texts stay texts, those that begin like a formula too."""
-    cells = ([one_line(v) if isinstance(v, str) else v for v in line.cells] for line in found)
-    table = pd.DataFrame(cells, columns=list(COLUMNS))
     stream = io.BytesIO()
     with pd.ExcelWriter(stream, engine="openpyxl") as book:
         table.to_excel(book, sheet_name="quantities", index=False, freeze_panes=(1, 1))

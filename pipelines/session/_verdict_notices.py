@@ -61,7 +61,7 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
 def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
     """Say of each named experiment whether it can be believed and agrees, with the gravest reason.
 
-    ``against`` says what an experiment is compared with, where it is not the model.
+    ``against`` names the reference of an experiment, where it is not the model.
     """
     for name in names:
         if (one := verdicts.get(name)) is None:
@@ -91,7 +91,7 @@ def judgement(believable: str, model: str) -> tuple[str, Level]:
 
 
 def as_sentence(text: str) -> str:
-    """Begin and end what was found as a sentence."""
+    """Begin and end a text as a sentence."""
     return f"{capitalised(text).rstrip('.')}."
 
 

@@ -60,11 +60,6 @@ def test_the_door_opens_without_any_numerical_library() -> None:
     assert asked(code.format(heavy)) == "[]"
 
 
-def test_planning_through_the_door_needs_no_numpy(small_session: Path) -> None:
-    code = "import labpipe as lp, sys; lp.plan({!r}); print('numpy' in sys.modules)"
-    assert asked(code.format(str(small_session))) == "False"
-
-
 def test_comparing_stored_results_needs_no_compiler() -> None:
     code = (
         "import sys, pipelines.experiments.ball_drop.comparison, pipelines.experiments.harmonic.comparison;"
@@ -76,11 +71,6 @@ def test_comparing_stored_results_needs_no_compiler() -> None:
 def test_the_verb_report_stays_when_the_package_is_imported() -> None:
     code = "import labpipe as lp; import labpipe.report; print(lp.report.__module__)"
     assert asked(code) == "pipelines.session._processing"
-
-
-def test_a_name_that_is_not_there_is_told() -> None:
-    with pytest.raises(AttributeError, match="module 'labpipe' has no attribute 'dorp'"):
-        lp.dorp  # noqa: B018
 
 
 def test_the_type_checker_sees_what_is_loaded() -> None:
