@@ -30,7 +30,7 @@ from labpipe.workflow.plan import KEPT, READY, Plan, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from labpipe.workflow.store import Store
-from pipelines.experiments import JUDGEMENT, KINDS, KeyNumber
+from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.pages import SYNTHETIC, counted
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.session._overview import PAGE as SESSION_PAGE
@@ -57,15 +57,15 @@ TABLES = {
 calibrates: instrument and serial number or, without a number, the name of the record's file without its date.
 """
 
-CHECKS = "checks"
-"""Stage of the results that are checks: observed over expected, under the name of the check."""
+CHECKS, KEYS = "checks", "key numbers"
+"""Stages of results that are checks, observed over expected under the name of the check, and of key numbers."""
 
 CATALOGUE = "labpipe/catalogue.sqlite"
 PAGE, TREND_PAGE = "catalogue.html", "trend.html"
 """In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
 _TIED = "\N{NON-BREAKING HYPHEN}"
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
-_LAYOUT = 5
+_LAYOUT = 6
 """Raised when the tables change; rows of another layout are made anew."""
 _KEPT = "catalogue.json"
 """Among the results of a session: its rows, under a digest of all that they come from."""
@@ -198,16 +198,6 @@ class Opened:
         """Return the way from a page about the sessions to one of a session; "" where there is none below."""
         target = files.relative(self.base / session / "labpipe" / page, self.page_folder)
         return target if (self.page_folder / target).is_file() and not target.startswith("..") else ""
-
-    def number(self, frame: pd.DataFrame, kind: str, key: KeyNumber) -> tuple[pd.Series, pd.Series]:
-        """Return a key number of the experiments of a kind and its standard uncertainty, NaN where it is not known."""
-        import pandas as pd
-
-        name, units = key.title.replace(" ", "_"), frame.attrs["units"]
-        name = name if units.get(name, "") == key.unit or (key.unit == "1" and name in frame) else f"{kind}_{name}"
-        columns = (frame[n] if n in frame else pd.Series(float("nan"), frame.index) for n in (name, f"u_{name}"))
-        value, u = (pd.to_numeric(column, errors="coerce") for column in columns)
-        return value, u
 
     def select(self, table: str, where: str = "", columns: Sequence[str] = ()) -> pd.DataFrame:
         """Return rows of a table, with ``attrs["units"]``; ``where`` and ``columns`` as in :func:`catalogue`."""
@@ -348,6 +338,7 @@ def _rows(plan: Plan) -> dict[str, Any]:
                     found.setdefault(title, (pair[0], number.unit))
                     if pair[1] is not None:
                         found.setdefault(f"u_{title}", (pair[1], number.unit))
+                    numbers.append((experiment.name, KEYS, row.recording, number.title, 0, *pair, number.unit))
             cells |= _calibration(dataset, cells, found)
             numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
             if JUDGEMENT in dataset.attrs:
@@ -475,10 +466,13 @@ def _table(opened: Opened, kind: str, own: pd.DataFrame) -> IndexTable:
     named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
     own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
     columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
+    numbers = opened.select("results", f"stage = '{KEYS}'").drop_duplicates(["session", "experiment", "variable"])
     for key in KINDS[kind].key_numbers if kind in KINDS else ():
-        value, u = opened.number(own, kind, key)
-        if value.notna().any():
-            columns.append(Listed(key.title, value.tolist(), key.unit, u.tolist() if u.notna().any() else None))
+        those = numbers.loc[numbers["variable"] == key.title, ["session", "experiment", "value", "u"]]
+        found = own[["session", "experiment"]].merge(those, how="left")
+        if found["value"].notna().any():
+            u = found["u"].tolist() if found["u"].notna().any() else None
+            columns.append(Listed(key.title, found["value"].tolist(), key.unit, u))
     table = listed(columns)
     rows = []
     for row, metrics in zip(own.to_dict("records"), table.rows, strict=True):

@@ -243,11 +243,10 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
 def export_table(results: Results, experiments: Sequence[str], writer: Writer) -> None:
     """Write one table of the quantities of some experiments, or of all, as ``xlsx``, ``tex`` or ``csv``."""
     from labpipe.workflow.provenance import program
-    from pipelines.session import _summary_table as summary
-    from pipelines.session._export_formats import csv_text
+    from pipelines.session import _export_formats as formats
 
     session = results.plan.session
-    rows = summary.rows_of(results, experiments)
+    rows = formats.rows_of(results, experiments)
     if not rows:
         raise InputError(f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}")
     named = {row.experiment for row in rows}
@@ -260,11 +259,11 @@ def export_table(results: Results, experiments: Sequence[str], writer: Writer) -
         notes = [f"{one.on} {one.who}: {one.text}" for one in getattr(settings, "notes", ())]
         for title, texts in (("excluded", list(map(str, exclusions(settings)))), ("notes", notes)):
             remarks |= {f"{name}, {title}": "; ".join(texts)} if texts else {}
-    table = summary.frame(results, rows)
+    table = formats.frame(results, rows)
     made: dict[str, Callable[[], str | bytes]] = {
-        "xlsx": lambda: summary.xlsx_bytes(table, remarks),
-        "tex": lambda: summary.tex_text(rows, table, remarks),
-        "csv": lambda: csv_text(table, remarks, decimal=writer.decimal),
+        "xlsx": lambda: formats.xlsx_bytes(table, remarks),
+        "tex": lambda: formats.tex_text(rows, table, remarks),
+        "csv": lambda: formats.csv_text(table, remarks, decimal=writer.decimal),
     }
     writer.write(f"quantities.{writer.format}", made[writer.format]())
 

@@ -37,7 +37,7 @@ from labpipe.report import (
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.judgements import chance, probability
 from pipelines.experiments.shared.pages import SYNTHETIC, counted
-from pipelines.session._catalogue import CHECKS, PAGE as CATALOGUE_PAGE, TREND_PAGE, Opened, open_catalogue
+from pipelines.session._catalogue import CHECKS, KEYS, PAGE as CATALOGUE_PAGE, TREND_PAGE, Opened, open_catalogue
 
 if TYPE_CHECKING:
     from labpipe.arrays import Floats
@@ -92,11 +92,6 @@ class ControlChart:
     is_drifting: bool = False
 
     @property
-    def elapsed(self) -> Floats:
-        """Days since the first one (session,)."""
-        return _elapsed(self.points["day"])
-
-    @property
     def is_outside(self) -> np.ndarray:
         """Whether each value is beyond three standard deviations (session,)."""
         return (np.abs(self.points["value"] - self.mean) > 3.0 * self.sigma).to_numpy() & (self.sigma > 0.0)
@@ -104,7 +99,7 @@ class ControlChart:
     @property
     def change(self) -> float:
         """Change from the first day to the last by the slope."""
-        return self.slope * float(self.elapsed[-1])
+        return self.slope * float(_elapsed(self.points["day"])[-1])
 
     @property
     def drift(self) -> str:
@@ -211,7 +206,6 @@ def trend(
 def _points(opened: Opened, where: str) -> pd.DataFrame:
     """Return every quantity of every experiment, a row each, as :func:`control_charts` takes them."""
     frame = opened.select("experiments", where)
-    units = frame.attrs["units"]
     for name in {"material", "height", "temperature"} - set(frame):
         frame[name] = None
     # material, height, and a temperature that is not the usual one
@@ -223,26 +217,16 @@ def _points(opened: Opened, where: str) -> pd.DataFrame:
         height.map(lambda h: quantity(h, "m", 3) if math.isfinite(h) else ""),
         temperature.where(other).map(lambda t: quantity(t, "degC", 2) if math.isfinite(t) else ""),
     )
-    names = [", ".join(filter(None, own)) for own in zip(*parts_of, strict=True)]
-    frame["specimen"], frame.attrs["units"] = names, units
-    titles = {name: kind.title for name, kind in KINDS.items()}
-    known = frame["kind"].map(str)
-    common = ["session", "experiment", "recorded", "record", "operator", "specimen"]
-    parts = [frame[[*common]].iloc[:0]]
-    for kind in KINDS.keys() & set(known):
-        own = frame[known == kind]
-        own.attrs["units"] = units
-        for key in KINDS[kind].key_numbers:
-            value, u = opened.number(own, kind, key)
-            made = own[common].assign(value=value, u=u, chart=own["specimen"], owner=titles[kind], quantity=key.title)
-            parts.append(made.assign(unit=key.unit, is_ratio=False))
-    ratios = opened.select("results", f"stage = '{CHECKS}' AND ({where.strip() or 'true'})")
-    ratios = ratios.groupby(["session", "experiment", "variable"], as_index=False)[["value", "u"]].mean()
-    ratios = ratios.merge(frame[[*common, "kind", "sensor"]], on=["session", "experiment"])
-    owner = ratios["sensor"].fillna(ratios["kind"].map(titles))
-    parts.append(ratios.rename(columns={"variable": "quantity"}).assign(owner=owner, unit="1", is_ratio=True, chart=""))
-    points = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
-    return points[points["value"].notna()] if "value" in points else points
+    frame["specimen"] = [", ".join(filter(None, own)) for own in zip(*parts_of, strict=True)]
+    common = ["session", "experiment", "recorded", "record", "operator", "specimen", "kind", "sensor"]
+    points = opened.select("results", f"stage IN ('{CHECKS}', '{KEYS}') AND ({where.strip() or 'true'})")
+    points["u"] = pd.to_numeric(points["u"])
+    keys = ["session", "experiment", "stage", "variable", "unit"]
+    points = points.groupby(keys, as_index=False, sort=False)[["value", "u"]].mean().merge(frame[common])
+    is_ratio, title = points["stage"] == CHECKS, points["kind"].map({name: kind.title for name, kind in KINDS.items()})
+    owner = points["sensor"].where(is_ratio).fillna(title)
+    points = points.assign(owner=owner, is_ratio=is_ratio, chart=points["specimen"].where(~is_ratio, ""))
+    return points.rename(columns={"variable": "quantity"})
 
 
 def control_charts(points: pd.DataFrame) -> tuple[ControlChart, ...]:

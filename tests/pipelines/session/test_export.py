@@ -14,8 +14,7 @@ from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.session import compare, export, result
-from pipelines.session._export_formats import csv_tables
-from pipelines.session._summary_table import tex_text
+from pipelines.session._export_formats import csv_tables, tex_text
 
 
 def small() -> xr.Dataset:
