@@ -108,11 +108,20 @@ def reading_options(function: F) -> F:
     @functools.wraps(function)
     def reading(*args: Any, instrument: str | None, others: tuple[str, ...], **kwargs: Any) -> Any:
         given = {name: kwargs.pop(name) for name in ("columns", "cycle", "units", "storage_factor", "channel")}
-        given["units"] = list(given["units"])
-        given = {name: value for name, value in given.items() if value}
+        given = {name: list(v) if isinstance(v, tuple) else v for name, v in given.items() if v}
         try:
-            kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
-            return function(*args, **kwargs)
+            if instrument is not None or others:
+                import instruments
+
+                fps = 1.0 if any(text.startswith("fps=") for text in others) else None  # a film, whatever it is
+                found = instruments.by_name(instrument or instruments.identify(kwargs["source"], fps=fps))
+                for text in others:
+                    name, sign, value = text.partition("=")
+                    if not sign:
+                        raise UsageError(f'--option reads NAME=VALUE, found "{text}"')
+                    given[name] = found.option(name, value)
+                given["instrument"] = found.name
+            return function(*args, reading=given, **kwargs)
         except SourceError as error:
             error.hint = error.hint and as_typed(error.hint)
             raise
@@ -120,22 +129,6 @@ def reading_options(function: F) -> F:
             raise InputError(as_typed(str(error))) from None
 
     return reading  # type: ignore[return-value]  # click fills in the options
-
-
-def _reading(source: Path, instrument: str | None, given: dict[str, Any], others: Sequence[str]) -> dict[str, Any]:
-    """Return the keyword arguments of :func:`instruments.read`."""
-    if instrument is None and not others:
-        return given
-    import instruments
-
-    fps = 1.0 if any(text.startswith("fps=") for text in others) else None  # a film, whatever it is
-    found = instruments.by_name(instrument or instruments.identify(source, fps=fps))
-    for text in others:
-        name, sign, value = text.partition("=")
-        if not sign:
-            raise UsageError(f'--option reads NAME=VALUE, found "{text}"')
-        given[name] = found.option(name, value)
-    return given | {"instrument": found.name}
 
 
 _PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
@@ -50,11 +50,24 @@ def watching() -> "Iterator[Callable[[Event], None] | None]":
 
 
 @contextmanager
-def counted(total: int, *, when: Literal["begun", "done"] = "begun") -> "Iterator[Callable[[str], None] | None]":
-    """Give a function that reports every piece of work by name, or None without a terminal.
+def progress(text: str = "", total: float | None = None) -> "Iterator[Callable[[float], None] | None]":
+    """Give a function that shows how much of some work is done, or None without a terminal.
 
-    ``when`` says whether it is called when a piece begins or when it has ended.
+    Without a total only the time is shown, as the end is not known.
     """
+    if not is_shown():
+        yield None
+        return
+    from rich.progress import SpinnerColumn, TaskProgressColumn
+
+    with _bar(SpinnerColumn() if total is None else TaskProgressColumn()) as bar:
+        work = bar.add_task(text, total=total)
+        yield lambda done: bar.update(work, completed=done)
+
+
+@contextmanager
+def counted(total: int) -> "Iterator[Callable[[str], None] | None]":
+    """Give a function that reports by name that a piece of work begins, or None without a terminal."""
     if not is_shown():
         yield None
         return
@@ -64,36 +77,8 @@ def counted(total: int, *, when: Literal["begun", "done"] = "begun") -> "Iterato
     # stdout stays where it is: a list of results may go into a file while the bar is shown
     with _bar(MofNCompleteColumn(), redirect_stdout=False) as bar:
         work = bar.add_task("", total=total)
-        done = count(int(when == "done"))
+        done = count()
         yield lambda text: bar.update(work, completed=next(done), description=escape(text))
-
-
-@contextmanager
-def waiting(text: str) -> Iterator[None]:
-    """Show the elapsed time of a long task of unknown duration."""
-    if not is_shown():
-        yield
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        bar.add_task(text, total=None)
-        yield
-
-
-@contextmanager
-def fraction(text: str) -> "Iterator[Callable[[float], None] | None]":
-    """Give a function that shows a fraction of one long piece of work, or None without a terminal."""
-    if not is_shown():
-        yield None
-        return
-    from rich.progress import TaskProgressColumn
-
-    with _bar(TaskProgressColumn()) as bar:
-        work = bar.add_task(text, total=1.0)
-        yield lambda done: bar.update(work, completed=done)
 
 
 def _bar(done: "ProgressColumn", *, redirect_stdout: bool = True) -> "Progress":

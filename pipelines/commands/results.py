@@ -1,8 +1,9 @@
-"""Commands on files and results: inspect, export, bundle, compare, catalogue, trend, sensitivity, identify."""
+"""Commands on files, results and data packages."""
 
+import itertools
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -21,9 +22,6 @@ from pipelines.commands.options import (
 )
 from pipelines.session import FORMATS
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _LONGEST = 28  # characters of a text in a table of the terminal
 
 
@@ -33,7 +31,7 @@ _LONGEST = 28  # characters of a text in a table of the terminal
 @click.option("--out", type=NEW_FILE, help="Write a picture (.png): frames of a film, columns of a table.")
 @json_option
 def inspect(source: Path, reading: dict[str, Any], out: Path | None) -> None:
-    r"""Say what FILE is: instrument, columns, units, ranges, sampling, problems.
+    r"""Describe FILE: instrument, columns, units, ranges, sampling, problems.
 
     Works on any single file: readings, films, calibration records, session.toml, results,
     pictures; of a folder it lists each file in a line. Nothing is written unless --out
@@ -158,12 +156,8 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
         kept = f"  (earlier code: {', '.join(row.kept)})" if row.kept else ""
         where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
         lines.append(f"{where} {comparison_text(row)}{kept}")
-    for one in found.variants:
-        lines.append(f"{one.name}, variant of {one.base}: {one.changes}")
-        lines += [f"  {old.quantity:32} {comparison_text(old):46} | {comparison_text(new)}" for old, new in one.rows]
     document: dict[str, Any] = {"page": str(found.page), "rows": [row.document() for row in found.rows]}
     document |= {"experiments": list(found.experiments), "failed": found.failed, "absent": found.absent}
-    document["variants"] = [one.document() for one in found.variants]
     emit(document, [*lines, f"page: {found.page}"], code=1 if found.failed else 0)
 
 
@@ -186,7 +180,7 @@ _WHERE = click.option(
 def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[str] | None, **options: str) -> None:
     r"""List the experiments of all sessions below FOLDER: parameters and key numbers.
 
-    `believable`, `model`, `checks`, `findings` and `cause` hold the verdict of what is processed.
+    `believable`, `model`, `checks`, `findings` and `cause` hold the verdict where results are processed.
     The table is brought up to date first; only sessions that changed are read again, and none is
     processed. The terminal shows columns that differ between rows, as many as its width holds; --columns
     and --json show all. The page is FOLDER/catalogue.html. The table `results` has every short result,
@@ -205,35 +199,33 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
     frame, units, n = done.table, done.table.attrs["units"], len(done.renewed)
     records = frame.astype(object).where(frame.notna(), None).to_dict("records")
     rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
-    names = ("renewed", "unchanged", "removed", "problems")
+    names = ("renewed", "unchanged", "problems")
     document = {"database": str(done.path), "page": str(done.page)}
     document |= {name: getattr(done, name) for name in names}
-    shown = frame if columns else _varied(frame)
-    shown = shown.rename(columns={name: f"{name} [{unit}]" for name, unit in units.items()})
-    lines, hidden = ([], []) if not len(frame) else _narrow(shown, whole=bool(columns))
-    lines += [f"not shown: {', '.join(hidden)} (name some with --columns)"] if hidden else []
-    counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged, {len(done.removed)} gone"
+    shown = frame
+    if not columns:  # no uncertainties, no lists of files, and nothing that is the same in all rows
+        always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
+        stated = {str(name): frame[name].dropna() for name in frame.columns}
+        shown = frame[[
+            name
+            for name, values in stated.items()
+            if len(values) and (name in always or (values.nunique() > 1 and name[:2] != "u_"))
+            and not values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
+        ]]  # fmt: skip
+    shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()})
+    shown = shown.map(lambda v: f"{v:.5g}" if isinstance(v, float) else str(v)).replace({"nan": "", "None": ""})
+    if not columns:  # as many as the terminal holds, long texts cut
+        shown = shown.map(lambda text: text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…")
+    ends = [max(map(len, [name, *shown[name]]), default=0) + 2 for name in map(str, shown.columns)]
+    room = shutil.get_terminal_size((100, 24)).columns
+    fitting = len(ends) if columns else sum(end <= room for end in itertools.accumulate(ends))
+    lines = shown.iloc[:, :fitting].to_string(index=False).splitlines() if len(frame) else []
+    if len(frame) and (hidden := shown.columns[fitting:].tolist()):
+        lines.append(f"not shown: {', '.join(hidden)} (name some with --columns)")
+    counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged"
     lines += [f"{len(frame)} rows; {counts}; {done.path}", f"page: {done.page}"]
     problems = [f"{name}: {problem}" for name, problem in done.problems.items()]
     emit(document | {"units": units, "rows": rows}, lines, errors=problems, code=bool(problems))
-
-
-def _narrow(frame: "pd.DataFrame", *, whole: bool) -> tuple[list[str], list[str]]:
-    """Write as many columns as the terminal holds, long texts cut; return lines and names of the columns left out."""
-    texts = frame.map(lambda v: f"{v:.5g}" if isinstance(v, float) else "" if v is None else str(v)).replace("nan", "")
-    width = 10**9 if whole else shutil.get_terminal_size((100, 24)).columns
-    columns, hidden = [], []
-    for name in map(str, frame.columns):
-        cells = [name, *texts[name]]
-        cells = cells if whole else [c if len(c) <= _LONGEST else f"{c[: _LONGEST - 1]}…" for c in cells]
-        wide = max(map(len, cells))
-        if wide + 2 > width:
-            hidden.append(name)
-            continue
-        width -= wide + 2
-        is_number = frame[name].map(lambda v: isinstance(v, int | float | None)).all()
-        columns.append([f"{cell:>{wide}}" if is_number else f"{cell:{wide}}" for cell in cells])
-    return ["  ".join(row).rstrip() for row in zip(*columns, strict=True)], hidden
 
 
 @click.command()
@@ -265,19 +257,6 @@ def trend(folders: tuple[Path, ...], database: Path | None, where: str, out: Pat
     emit(document | {"charts": found.documents()}, lines, errors=problems, code=bool(problems))
 
 
-def _varied(frame: "pd.DataFrame") -> "pd.DataFrame":
-    """Leave out uncertainties, lists of files, and columns with the same value in all rows."""
-    always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
-    kept = []
-    for name in map(str, frame.columns):
-        values = frame[name].dropna()
-        is_list = values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
-        is_varied = values.nunique() > 1 and not is_list and not name.startswith("u_")
-        if len(values) and (name in always or is_varied):
-            kept.append(name)
-    return frame[kept].map(lambda value: "" if value is None else value)
-
-
 @click.command()
 @session_argument
 @click.argument("which", required=False, metavar="[KIND|EXPERIMENT]")
@@ -285,7 +264,7 @@ def _varied(frame: "pd.DataFrame") -> "pd.DataFrame":
 def sensitivity(session: Path, which: str | None) -> None:
     r"""Show which inputs limit the uncertainty of the main quantities in SESSION.
 
-    Linear budget, Monte Carlo, Sobol indices, expanded uncertainty, and what to measure better to
+    Linear budget, Monte Carlo, Sobol indices, expanded uncertainty, and the input to measure better to
     halve it. One page per kind: SESSION/labpipe/sensitivity_KIND.html.
 
     \b
@@ -338,3 +317,83 @@ def identify(session: Path, experiments: list[str] | None, **options: Any) -> No
 
     found = verb(session, experiments or (), say=say, **options)
     emit(found.documents(), found.lines())
+
+
+# --- data packages ---
+
+
+@click.command()
+@session_argument
+@click.option("--out", required=True, type=NEW_FOLDER, help="Folder to be made, not in SESSION.")
+@click.option("--anonymous", is_flag=True, help="Leave out operator, creators and paths of this machine.")
+@click.option("--figures", type=FOLDER, help="Include this folder of `labpipe figures --data`.")
+@jobs_option
+@json_option
+def publish(session: Path, out: Path, **options: Any) -> None:
+    r"""Write SESSION as a data package for a journal or repository (RO-Crate).
+
+    Raw files with SHA-256, session.toml, calibration records, results as netCDF (CF), pages, methods,
+    references and versions. session.toml states `licence` in [session], and [[creators]] with
+    name, orcid and affiliation. Missing results are processed first. Exit code 1: an experiment
+    failed or waits, and is left out.
+
+    \b
+    Example:
+      labpipe publish my-session --out my-package
+      labpipe publish my-session --out for-review --anonymous
+    """
+    from pipelines.commands.progress import watching
+    from pipelines.session import publish as verb
+
+    with watching() as progress:
+        done = verb(session, out, progress=progress, **options)
+    document = {
+        "folder": str(done.folder),
+        "files": done.sizes,
+        "left_out": list(done.left_out),
+        "struck": list(done.struck),
+    }
+    emit(document, [repr(done), f"then: labpipe verify {out}"], code=1 if done.left_out else 0)
+
+
+@click.command()
+@click.argument("folder", type=FOLDER)
+@click.option("--tolerance", default=1e-6, type=click.FloatRange(min=0), help="Of the largest value of a variable.")
+@jobs_option
+@json_option
+def verify(folder: Path, **options: Any) -> None:
+    r"""Check a package that `publish` made: its checksums, then its numbers.
+
+    The raw files are processed again in a temporary folder, and every result is compared. Exit code 1:
+    a number differs; 4: a file is missing or was changed.
+
+    \b
+    Example:
+      labpipe verify my-package
+      labpipe verify my-package --tolerance 1e-9 --json
+    """
+    from pipelines.commands.progress import watching
+    from pipelines.session import verify as verb
+
+    with watching() as progress:
+        done = verb(folder, progress=progress, **options)
+    rows = [{"name": r.name, "deviation": r.deviation, "differs": list(r.differs)} for r in done.results]
+    document = {"folder": str(done.folder), "files": done.files, "tolerance": done.tolerance, "results": rows}
+    emit(document, [repr(done)], code=1 if done.differing else 0)
+
+
+@click.command()
+@click.argument("session", required=False, type=FOLDER)
+@json_option
+def cite(session: Path | None) -> None:
+    r"""Print the sources to be cited as BibTeX: labpipe, standards, and the methods used in SESSION.
+
+    \b
+    Example:
+      labpipe cite
+      labpipe cite my-session > references.bib
+    """
+    from pipelines.session import cite as verb
+
+    text = verb(session)
+    emit({"bibtex": text}, [text.rstrip()])

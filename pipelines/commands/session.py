@@ -28,7 +28,6 @@ from pipelines.commands.options import (
 from pipelines.session import PAGE
 
 if TYPE_CHECKING:
-    from labpipe.workflow.plan import Row
     from labpipe.workflow.results import RunResult
     from labpipe.workflow.session import Session
     from pipelines.session import Gap, Verdicts
@@ -126,7 +125,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 @keep_option
 @json_option
 def plan(session: Path, **options: Any) -> None:
-    r"""Say what `process` would run, and why; nothing is computed.
+    r"""List the steps that `process` would run, and why; nothing is computed.
 
     A summary comes first, with the experiments that wait and for which lines; then the steps, in one line
     where all of an experiment share one reason.
@@ -145,7 +144,16 @@ def plan(session: Path, **options: Any) -> None:
     lines += [f"counted as exact, since stated without ±: {v} ({', '.join(stating)})" for v, stating in exact.items()]
     left_out = excluded_in(made.session)
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
-        lines += ["", f"{experiment} ({made.session.experiments[experiment].kind})", *_steps(list(own))]
+        steps = list(own)
+        lines += ["", f"{experiment} ({made.session.experiments[experiment].kind})"]
+        states = [(row.state, row.reason) for row in steps]
+        if all(row.reason.startswith(_NEVER_RUN) for row in steps):
+            states = [("will run", _NEVER_RUN)]
+        names_of = [row.stage if row.recording is None else f"{row.stage} [{row.recording}]" for row in steps]
+        if len(steps) > 1 and len(set(states)) == 1:  # one line for all
+            states, names_of = states[:1], [f"all {len(steps)} steps"]
+        shown = zip(states, names_of, strict=True)
+        lines += [f"  {state:{_STATE_WIDTH}}{name:44} {reason}".rstrip() for (state, reason), name in shown]
         lines += [f"  excluded  {text}" for text in left_out.get(experiment, ())]
         changes = made.session.experiments[experiment].overrides.items()
         lines += [f"  laboratory.toml has {name} = {old}, the session {new}" for name, (old, new) in changes]
@@ -164,20 +172,6 @@ def _waiting(waiting: Mapping[str, Sequence[str]]) -> Iterator[str]:
     for name, lines in waiting.items():
         yield f"waiting: {name}"
         yield from (f"  {line}" for line in lines)
-
-
-def _steps(rows: "list[Row]") -> Iterator[str]:
-    """Write one line per step; one for all where all are in the same state for the same reason."""
-    states = [(row.state, row.reason) for row in rows]
-    if all(row.reason.startswith(_NEVER_RUN) for row in rows):
-        states = [("will run", _NEVER_RUN)]
-    if len(rows) > 1 and len(set(states)) == 1:
-        state, reason = states[0]
-        yield f"  {state:{_STATE_WIDTH}}{f'all {len(rows)} steps':44} {reason}".rstrip()
-        return
-    for row in rows:
-        name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
-        yield f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}".rstrip()
 
 
 @click.command()

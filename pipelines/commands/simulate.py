@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from pipelines.commands.options import NEW_FILE, cluster_option, emit, json_option
-from pipelines.commands.progress import fraction
+from pipelines.commands.progress import progress
 from pipelines.sweeps.simulators import SIMULATORS
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from labpipe.materials import Material, Prony, Thermal
 
 F = TypeVar("F", bound=Callable[..., Any])
 _Rows = list[tuple[str, Any, str]]
@@ -43,12 +41,14 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since
             self.fail(str(error), param, ctx)
 
 
-LENGTH, TIME = Quantity("length", "m"), Quantity("time", "s")
-_MASS, _FREQUENCY, _SPEED = Quantity("mass", "kg"), Quantity("frequency", "Hz"), Quantity("speed", "m/s")
-_TEMPERATURE, _FORCE, _NUMBER = Quantity("temperature", "degC"), Quantity("force", "N"), Quantity("number", "1")
-_WORK, _HEAT_CAPACITY = Quantity("energy per area", "J/m2"), Quantity("heat capacity", "J/kg/K")
-_CONDUCTIVITY = Quantity("conductivity", "W/m/K")
-_TYPES = {each.unit: each for each in (LENGTH, TIME, _MASS, _FREQUENCY, _SPEED, _TEMPERATURE, _NUMBER)}
+_TYPES = {
+    unit: Quantity(name, unit)
+    for name, unit in {
+        "length": "m", "time": "s", "mass": "kg", "frequency": "Hz", "speed": "m/s", "temperature": "degC",
+        "number": "1", "force": "N", "energy per area": "J/m2", "heat capacity": "J/kg/K", "conductivity": "W/m/K",
+    }.items()
+}  # fmt: skip
+TIME = _TYPES["s"]
 
 
 def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
@@ -58,15 +58,16 @@ def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
 def _parameters(simulator: str, *names: str) -> Callable[[F], F]:
     """Add the material, its temperature and shift, and further parameters of a simulator, as a sweep has them."""
     known = SIMULATORS[simulator].parameters
+    chosen = {name: known[name] for name in ("material", "temperature", "vertical_shift", *names)}
     return _options(*(
-        click.option(
-            f"--{name.replace('_', '-')}",
-            type=_TYPES.get(known[name].unit, str),
-            default=known[name].default,
-            help=f"{known[name].text[:1].upper()}{known[name].text[1:]}.",
-        )
-        for name in ("material", "temperature", "vertical_shift", *names)
+        _value(f"--{name.replace('_', '-')}", one.unit, f"{one.text[:1].upper()}{one.text[1:]}.", default=one.default)
+        for name, one in chosen.items()
     ))  # fmt: skip
+
+
+def _value(name: str, unit: str, text: str, **more: Any) -> Callable[[F], F]:
+    """Add an option that takes a number with a unit, or a text where the unit is empty."""
+    return click.option(name, type=_TYPES.get(unit, str), help=text, **more)
 
 
 _result_options = _options(
@@ -88,16 +89,15 @@ def simulate() -> None:
 
 @simulate.command()
 @_parameters("drop", "radius", "mass", "height", "rtol", "plate_mass", "plate_frequency", "plate_damping")
-@click.option("--duration", type=TIME, default="0.5 s", help="From release.")
+@_value("--duration", "s", "From release.", default="0.5 s")
 @click.option("--solver", type=click.Choice(["mdr", "rings", "thesis"]), default="mdr",
               help="'thesis' is the thesis's own scheme.")  # fmt: skip
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
 @click.option("--substrate", help='Elastic counter-body: "sapphire", or modulus and Poisson\'s ratio, "70 GPa, 0.22".')
-@click.option("--adhesion", "work_of_adhesion", type=_WORK,
-              help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.')  # fmt: skip
+@_value("--adhesion", "J/m2", 'Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.')
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
-@click.option("--heat-capacity", type=_HEAT_CAPACITY, help="For --heating; default: from the library.")
-@click.option("--conductivity", type=_CONDUCTIVITY, help="For --heating; default: from the library.")
+@_value("--heat-capacity", "J/kg/K", "For --heating; default: from the library.")
+@_value("--conductivity", "W/m/K", "For --heating; default: from the library.")
 @_result_options
 def drop(material: str, temperature: float | None, vertical_shift: float, **options: Any) -> None:
     r"""Drop a viscoelastic sphere on a flat (rigid by default) or on a vibrating plate.
@@ -106,7 +106,10 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     Example:
       labpipe simulate drop --material ptfe --height "7 mm" --substrate sapphire --out drop.nc
     """
+    import numpy as np
+
     from labpipe import contact
+    from labpipe.errors import InputError
     from labpipe.materials import describe
     from pipelines.simulator_inputs import material as load, thermal_of
 
@@ -115,23 +118,68 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     if options["substrate"] and "," in options["substrate"]:
         options["substrate"] = tuple(options["substrate"].split(",", 1))
     output = {name: options.pop(name) for name in ("out", "picture")}
-    work, is_heated = options.pop("work_of_adhesion"), options.pop("heating")
+    work, is_heated = options.pop("adhesion"), options.pop("heating")
     properties = [options.pop(name) for name in ("heat_capacity", "conductivity")]
     solid = load(material, temperature, vertical_shift)
-    with fraction("simulating") as shown:
+    with progress(text="simulating", total=1.0) as shown:
         found = contact.drop(solid, **options, plate=plate, progress=shown)
-    rows = _drop_rows(found)
+    n, last = found.sizes["impact"], found.isel(time=-1)
+    of_first = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
+    rows: _Rows = [("impacts", n, "")]
+    rows += [(f"first {_said(name)}", float(found[name][0]), _unit(found[name])) for name in of_first if n]
+    if n:
+        rows.append(("impact times", [round(float(t), 9) for t in found["impact_time"].values], "s"))
+        rows.append(("restitutions", [round(float(e), 6) for e in found["restitution"].values], ""))
+    if "rigid_restitution" in found:
+        rows.append(("first restitution on a rigid flat", float(found["rigid_restitution"]), ""))
+    energies = [f"{name}_energy" for name in ("kinetic", "potential", "stored", "plate", "dissipated", "numerical")]
+    rows += [(f"{_said(name)} at the end", float(last[name]), "J") for name in energies if name in found]
+    rows += [("energy error", float(found.attrs["energy_error"]), "")] if "energy_error" in found.attrs else []
     if work is not None:
-        rows += _adhesion_rows(found, solid, work)
+        if not n:
+            raise InputError("the drop has no completed impact to compare adhesion with")
+        impacts = (found[name].values for name in ("impact_speed", "contact_duration", "peak_force"))
+        radius, mass = float(found["sphere_radius"]), float(found["mass"])
+        seen = [
+            contact.adhesion_in_impact(solid, radius, mass, speed, duration, force, work)
+            for speed, duration, force in zip(*impacts, strict=True)
+        ]
+        some, first = [i for i, one in enumerate(seen, 1) if one.verdict != "negligible"], seen[0]
+        rows += [
+            ("adhesion", f"may matter from impact {some[0]} on" if some else "negligible", ""),
+            ("adhesion pull-off force", first.pull_off, "N"),
+            ("adhesion pull-off force at most", first.pull_off_bound, "N"),
+            ("adhesion of the first peak force", first.force_share, ""),
+            ("adhesion regime", f"{first.regime}, Tabor {first.tabor:.3g}", ""),
+        ]
     if is_heated:
-        rows += _heating_rows(found, describe(material), thermal_of(material, *properties), temperature)
-    _deliver(found, rows, json.loads(found.attrs["work"]), _drop_panels(found), **output)
+        thermal = thermal_of(material, *properties)
+        heat = contact.self_heating(found, describe(material), thermal, temperature)
+        over = np.flatnonzero(np.abs(heat.dataset["modulus_change"].values) >= contact.NOTICEABLE)
+        rows += [
+            ("self-heating", f"{heat.verdict}{f' from impact {over[0] + 1} on' if over.size else ''}", ""),
+            ("self-heating by the first impact", float(heat.dataset["bulk_rise"][0]), "K"),
+            ("self-heating after all impacts", heat.train, "K"),
+            ("self-heating without conduction", heat.train_adiabatic, "K"),
+            ("change of modulus by heating", heat.modulus_change, ""),
+            ("thermal properties", f"{thermal.status}: {thermal.source}", ""),
+        ]
+    start = float(found["impact_time"][0]) if n else 0.0
+    end = start + 1.1 * float(found["contact_duration"][0]) if n else np.inf
+    near = found.sel(time=slice(start, end))
+    since = "time since first touch / ms" if n else "time / ms"
+    panels = [
+        (found["time"] * 1e3, found["displacement"] * 1e3, "time / ms", "height / mm"),
+        ((near["time"] - start) * 1e3, near["force"], since, "force / N"),
+        ((near["time"] - start) * 1e3, near["contact_radius"] * 1e3, since, "contact radius / mm"),
+    ]
+    _deliver(found, rows, json.loads(found.attrs["work"]), panels, **output)
 
 
 @simulate.command()
 @_parameters("indent", "tip_radius", "period", "depth", "mean", "amplitude", "frequency", "hold", "ramp", "profile")
 @click.option("--cycles", type=click.IntRange(min=0), default=5, help="Number of cycles; 0 for press and hold only.")
-@click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
+@_value("--thickness", "m", "Thickness of a bonded layer; default: half-plane.")
 @click.option("--elements", type=click.IntRange(min=64), default=1024, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
 @_result_options
@@ -155,7 +203,7 @@ def indent(
     output = {name: options.pop(name) for name in ("out", "picture")}
     moves = {name: options.pop(name) for name in ("mean", "amplitude", "frequency", "cycles", "hold", "ramp")}
     time, moved = ramp_hold_oscillation(**moves, per_cycle=100)
-    with fraction("simulating") as shown:
+    with progress(text="simulating", total=1.0) as shown:
         found = contact.indent(
             load(material, temperature, vertical_shift),
             time=time,
@@ -165,26 +213,27 @@ def indent(
             progress=shown,
             **options,
         )
-    force, um = found["force"].values, found["displacement"].values * 1e6
+    last = found.isel(time=-1)
     rows: _Rows = [
-        ("peak force", float(force.max()), "N"),
-        ("final force", float(force[-1]), "N"),
+        ("peak force", float(found["force"].max()), "N"),
+        ("final force", float(last["force"]), "N"),
         ("largest contact half-width", float(found["contact_half_width"].max()), "m"),
-        ("work done", float(found["work_done"][-1]), "J"),
-        ("stored energy", float(found["stored_energy"][-1]), "J"),
-        ("dissipated energy", float(found["dissipated_energy"][-1]), "J"),
+        *((_said(name), float(last[name]), "J") for name in ("work_done", "stored_energy", "dissipated_energy")),
         ("energy error", float(found.attrs["energy_error"]), ""),
-        *((name.replace("_", " "), str(found.attrs[name]), "") for name in ("solver", "solver_reason", "datum")),
+        *((_said(name), str(found.attrs[name]), "") for name in ("solver", "solver_reason", "datum")),
     ]
-    panels = [(found["time"].values, force, "time / s", "force / N"), (um, force, "displacement / µm", "force / N")]
+    panels = [
+        (found["time"], found["force"], "time / s", "force / N"),
+        (found["displacement"] * 1e6, found["force"], "displacement / µm", "force / N"),
+    ]
     _deliver(found, rows, json.loads(found.attrs["work"]), panels, **output)
 
 
 @simulate.command()
 @_parameters("indent")
-@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
-@click.option("--work", type=_WORK, default="50 mJ/m2", help="Of adhesion.")
-@click.option("--load", type=_FORCE, default="1 N", help="Largest load.")
+@_value("--radius", "m", "Of the sphere.", default="9.525 mm")
+@_value("--work", "J/m2", "Of adhesion.", default="50 mJ/m2")
+@_value("--load", "N", "Largest load.", default="1 N")
 @_result_options
 def adhesion(
     material: str,
@@ -209,10 +258,10 @@ def adhesion(
     solid = load_material(material, temperature, vertical_shift)
     found = adhesive_states(solid, radius, work, load, _ADHESIVE_STATES)
     known = [found[n] for n in ("pull_off", "tabor", "lost_energy", "reduced_modulus") if n in found]
-    rows: _Rows = [(v.attrs["long_name"], float(v), v.attrs["units"].replace("1", "")) for v in known]
+    rows: _Rows = [(v.attrs["long_name"], float(v), _unit(v)) for v in known]
     rows += [(name, found.attrs[name], "") for name in ("theory", "regime", "validity") if name in found.attrs]
     panels = [
-        (found[name].values * 1e6, found["force"].values, f"{name.replace('_', ' ')} / µm", "force / N")
+        (found[name] * 1e6, found["force"], f"{_said(name)} / µm", "force / N")
         for name in ("indentation", "contact_radius")
     ]
     _deliver(found, rows, {"states": found.sizes["state"]}, panels, **output)
@@ -244,7 +293,7 @@ def sweep(simulator: str, vary: tuple[str, ...], fixed: tuple[str, ...], out: Pa
     from pipelines.sweeps import sweep as verb
 
     varied, constants = _named(vary), _named(fixed)
-    with fraction("simulating") as shown:
+    with progress(text="simulating", total=1.0) as shown:
         swept = verb(simulator, out, vary=varied, fixed=constants, progress=shown, **options)
     counts = {"computed": swept.computed, "reused": swept.reused, "failed": swept.failed}
     lines = (swept.summary, f"results: {out}", f"page: {swept.page}")
@@ -304,78 +353,9 @@ def _deliver(
     emit({name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
 
 
-def _drop_rows(found: "xr.Dataset") -> _Rows:
-    """Return the results of a drop: first bounce, all bounces, ledger of energy."""
-    count = found.sizes["impact"]
-    rows: _Rows = [("impacts", count, "")]
-    if count:
-        for name in ("restitution", "peak_force", "peak_contact_radius", "contact_duration"):
-            unit = found[name].attrs["units"].replace("1", "")
-            rows.append((f"first {name.replace('_', ' ')}", float(found[name][0]), unit))
-        rows.append(("impact times", [round(float(t), 9) for t in found["impact_time"].values], "s"))
-        rows.append(("restitutions", [round(float(e), 6) for e in found["restitution"].values], ""))
-    if "rigid_restitution" in found:
-        rows.append(("first restitution on a rigid flat", float(found["rigid_restitution"]), ""))
-    last = found.isel(time=-1)
-    for name in ("kinetic", "potential", "stored", "plate", "dissipated", "numerical"):
-        if f"{name}_energy" in found:
-            rows.append((f"{name} energy at the end", float(last[f"{name}_energy"]), "J"))
-    return rows + ([("energy error", float(found.attrs["energy_error"]), "")] if "energy_error" in found.attrs else [])
+def _said(name: str) -> str:
+    return name.replace("_", " ")
 
 
-def _adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> _Rows:
-    """Say whether adhesion matters in the last and the first impact of a drop."""
-    from labpipe.contact import adhesion_in_impact
-    from labpipe.errors import InputError
-
-    if not found.sizes["impact"]:
-        raise InputError("the drop has no completed impact to compare adhesion with")
-    impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
-    radius, mass = float(found["sphere_radius"]), float(found["mass"])
-    seen = [
-        adhesion_in_impact(solid, radius, mass, speed, duration, force, work)
-        for speed, duration, force in zip(*impacts, strict=True)
-    ]
-    first = seen[0]
-    some = [i + 1 for i, one in enumerate(seen) if one.verdict != "negligible"]
-    return [
-        ("adhesion", f"may matter from impact {some[0]} on" if some else "negligible", ""),
-        ("adhesion pull-off force", first.pull_off, "N"),
-        ("adhesion pull-off force at most", first.pull_off_bound, "N"),
-        ("adhesion of the first peak force", first.force_share, ""),
-        ("adhesion regime", f"{first.regime}, Tabor {first.tabor:.3g}", ""),
-    ]
-
-
-def _heating_rows(found: "xr.Dataset", material: "Material", thermal: "Thermal", temperature: float | None) -> _Rows:
-    """Say by how much a drop warms its contact, and by how much that changes the modulus."""
-    import numpy as np
-
-    from labpipe.contact import NOTICEABLE, self_heating
-
-    estimate = self_heating(found, material, thermal, temperature)
-    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= NOTICEABLE)
-    since = f" from impact {over[0] + 1} on" if over.size else ""
-    return [
-        ("self-heating", f"{estimate.verdict}{since}", ""),
-        ("self-heating by the first impact", float(estimate.dataset["bulk_rise"][0]), "K"),
-        ("self-heating after all impacts", estimate.train, "K"),
-        ("self-heating without conduction", estimate.train_adiabatic, "K"),
-        ("change of modulus by heating", estimate.modulus_change, ""),
-        ("thermal properties", f"{thermal.status}: {thermal.source}", ""),
-    ]
-
-
-def _drop_panels(found: "xr.Dataset") -> _Panels:
-    """Return the height over time, and force and radius of the first contact."""
-    time, label, start, end = found["time"].values, "time / ms", -float("inf"), float("inf")
-    since = time * 1e3
-    if found.sizes["impact"]:
-        start, label = float(found["impact_time"][0]), "time since first touch / ms"
-        end, since = start + 1.1 * float(found["contact_duration"][0]), (time - start) * 1e3
-    near = (time >= start) & (time <= end)
-    return [
-        (time * 1e3, found["displacement"].values * 1e3, "time / ms", "height / mm"),
-        (since[near], found["force"].values[near], label, "force / N"),
-        (since[near], found["contact_radius"].values[near] * 1e3, label, "contact radius / mm"),
-    ]
+def _unit(variable: "xr.DataArray") -> str:
+    return str(variable.attrs["units"]).replace("1", "")

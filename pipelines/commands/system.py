@@ -42,7 +42,7 @@ def doctor(session: Path | None) -> None:
     names = ("versions", "plugins", "free_bytes", "problems", "session_problems", "damaged_results")
     document = {name: getattr(found, name) for name in names} | {"checks": None, "exact": None, "findings": None}
     if audit is not None:
-        findings = [trouble.document() for trouble in audit.troubles]
+        findings = [trouble._asdict() for trouble in audit.troubles]
         document |= {"checks": audit.checks, "exact": audit.exact, "findings": findings}
     codes = (
         (found.damaged_results, StoreError.exit_code),
@@ -123,7 +123,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | Non
     Example:
       labpipe sample core my-session
     """
-    from pipelines.commands.progress import waiting
+    from pipelines.commands.progress import progress
     from pipelines.rig import SAMPLES, sample as verb
 
     if name is None:
@@ -132,7 +132,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | Non
         return
     if dest is None:
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
-    with waiting(f"recording {name}"):
+    with progress(f"recording {name}"):
         experiments = [*verb(name, dest, full_size=full_size, seed=seed).experiments]
     n = len(experiments)
     line = f"wrote {n} synthetic experiment{'s' * (n != 1)} into {dest}"
@@ -152,14 +152,14 @@ def demo(dest: Path) -> None:
       labpipe demo
     """
     from pipelines import rig
-    from pipelines.commands.progress import waiting, watching
+    from pipelines.commands.progress import progress, watching
     from pipelines.commands.session import as_document, summary
     from pipelines.session import verdicts_of
 
-    with waiting("recording a session"):
+    with progress("recording a session"):
         rig.record_demo(dest)
-    with watching() as progress:
-        outcome = rig.demo(dest, progress=progress)
+    with watching() as shown:
+        outcome = rig.demo(dest, progress=shown)
     judged = verdicts_of(outcome)
     lines = itertools.chain([f"synthetic session: {dest}"], summary(outcome, judged))
     emit(as_document(outcome, dest, judged), lines, code=outcome.exit_code)
@@ -211,7 +211,7 @@ def figures(
         emit({"figures": rows}, lines)
         return
 
-    with counted(len(wanted), when="done") as step:
+    with counted(len(wanted)) as step:
         show = None if step is None else lambda outcome: step(outcome.id)
         outcomes = verb(ids, session=session, out=out, data=data, jobs=jobs, progress=show).outcomes
     made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": [*o.files]} for o in outcomes]

@@ -10,9 +10,11 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
-    from pipelines.session._compare import compare as compare
-    from pipelines.session._compare_page import beside as beside
-    from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
+    from pipelines.session._comparison import (
+        Comparison as Comparison,
+        beside as beside,
+        comparison_text as comparison_text,
+    )
     from pipelines.session._doctor import Health as Health, doctor as doctor
     from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
     from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
+        compare as compare,
         plan as plan,
         process as process,
         process_all as process_all,

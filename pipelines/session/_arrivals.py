@@ -12,7 +12,7 @@ from typing import Any
 from labpipe.errors import LabpipeError
 from labpipe.workflow.document import parse
 from labpipe.workflow.exclusions import concerning, files_of
-from labpipe.workflow.graph import FILE, field_value
+from labpipe.workflow.graph import FILE
 from labpipe.workflow.session import Experiment
 from pipelines.experiments import KINDS, function
 
@@ -34,8 +34,12 @@ def missing_part(experiment: Experiment, path: Path) -> str | None:
             if path.suffix.lower() == ".toml":
                 parse(path)
                 return None
-            reader = _own_reader(experiment, path)
-            name = next((name for _, name in files_of(experiment.settings) if path.as_posix().endswith(f"/{name}")), "")
+            own = [
+                (field, name) for field, name in files_of(experiment.settings) if path.as_posix().endswith(f"/{name}")
+            ]
+            name, inputs = own[0][1] if own else "", {f"{FILE}{field.partition('[')[0]}" for field, _ in own}
+            stages = (s for s in KINDS[experiment.kind].stages if s.name == _READINGS and len(s.inputs) == 1)
+            reader: Any = next((function(s.function) for s in stages if s.inputs[0] in inputs), None)
             settings = concerning(experiment.settings, [name])
             found: Any = reader(path, settings=settings) if reader else instruments.read(path)
     except LabpipeError as error:
@@ -44,15 +48,3 @@ def missing_part(experiment: Experiment, path: Path) -> str | None:
         return None
     absent = int((~found.valid).sum())
     return f"{path}: {absent} of {len(found)} frames are not there" if absent else None
-
-
-def _own_reader(experiment: Experiment, path: Path) -> Any:
-    """Find the function by which the experiment reads this file, if it has one."""
-    for stage in KINDS[experiment.kind].stages:
-        fields = [text.removeprefix(FILE) for text in stage.inputs if text.startswith(FILE)]
-        if stage.name == _READINGS and len(fields) == len(stage.inputs) == 1:
-            names = field_value(experiment.settings, fields[0])
-            names = [names] if isinstance(names, str) else list(names or ())
-            if any(path.as_posix().endswith(f"/{name}") for name in names):
-                return function(stage.function)
-    return None

@@ -1,8 +1,8 @@
 """Many session folders as one table of experiments, parameters and results.
 
-The table is an SQLite database. It is made in memory and written whole, so that it is never half
-there, and it can be thrown away: everything in it is in the sessions. A session is read again
-only when its plan says that something changed. Conditions are asked of the database in memory.
+The rows of a session are kept among its results, and made again only when its plan says that something changed. The
+table of all is an SQLite database, made in memory and written whole: it is never half there, and can be thrown away.
+Conditions are asked of the database in memory.
 """
 
 from __future__ import annotations
@@ -21,17 +21,21 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from labpipe import files
-from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.errors import InputError, LabpipeError, SourceError, StorageError, UsageError
 from labpipe.notebook import html_table
+from labpipe.report import Block, Document, IndexRow, IndexTable, Link, Listed, Notice, Section, listed
 from labpipe.units import Quantity
-from labpipe.workflow.fields import REFERENCE
-from labpipe.workflow.plan import KEPT, READY, Plan
+from labpipe.workflow.fields import REFERENCE, suggest
+from labpipe.workflow.plan import KEPT, READY, Plan, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
+from labpipe.workflow.store import Store
 from pipelines.experiments import JUDGEMENT, KINDS
+from pipelines.experiments.shared.pages import SYNTHETIC, counted
 from pipelines.experiments.shared.proposals import material_word
-from pipelines.session._catalogue_page import CATALOGUE, PAGE, Opened, base_of, catalogue_page
+from pipelines.session._overview import PAGE as SESSION_PAGE
 from pipelines.session._processing import plan as plan_session
+from pipelines.session._verdict_notices import judgement
 from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
 if TYPE_CHECKING:
@@ -44,7 +48,7 @@ TABLES = {
         "operator", "recorded", "record", "sensor",
     ),
     "results": ("session", "experiment", "stage", "recording", "variable", "item", "value", "u", "unit"),
-    "sessions": ("session", "title", "operator", "synthetic", "digest", "problem"),
+    "sessions": ("session", "title", "operator", "synthetic", "problem"),
     "columns": ("name", "unit"),
 }  # fmt: skip
 """Tables and the columns that they always have; experiments have one more for each setting and key number.
@@ -53,12 +57,18 @@ TABLES = {
 calibrates: instrument and serial number or, without a number, the name of the record's file without its date.
 """
 
-CHECKS = "checks"
-"""Stage of the results that are checks: observed over expected, under the name of the check."""
+CHECKS, KEYS = "checks", "key numbers"
+"""Stages of results that are checks, observed over expected under the name of the check, and of key numbers."""
 
+CATALOGUE = "labpipe/catalogue.sqlite"
+PAGE, TREND_PAGE = "catalogue.html", "trend.html"
+"""In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
+_TIED = "\N{NON-BREAKING HYPHEN}"
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
-_LAYOUT = 4
-"""Raised when the tables change; a catalogue of another layout is made anew."""
+_LAYOUT = 6
+"""Raised when the tables change; rows of another layout are made anew."""
+_KEPT = "catalogue.json"
+"""Among the results of a session: its rows, under a digest of all that they come from."""
 _LONGEST_RESULT = 64
 """Values of one variable that are listed; longer ones are curves, which ``export`` writes."""
 _BODIES = ("sphere", "punch", "substrate")
@@ -70,7 +80,7 @@ _MOST_SHOWN = 60
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Catalogued:
-    """What an update found; sessions are named relative to the database's folder.
+    """The table after an update; sessions are named relative to the database's folder.
 
     Attributes
     ----------
@@ -78,17 +88,16 @@ class Catalogued:
         The database.
     page : Path
         The page of all its experiments.
-    renewed, unchanged, removed : tuple of str
-        Sessions read again, left as they were, and gone from below the searched folders.
+    renewed, unchanged : tuple of str
+        Sessions read again, and those whose rows were kept.
     problems : dict
-        Sessions that cannot be read, with the reason; what was known of them is kept.
+        Sessions that cannot be read, with the reason; their rows of before are kept.
     """
 
     path: Path
     page: Path
     renewed: tuple[str, ...]
     unchanged: tuple[str, ...]
-    removed: tuple[str, ...]
     problems: dict[str, str]
     table: pd.DataFrame = field(repr=False)
 
@@ -158,42 +167,139 @@ def catalogue(
         )
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Opened:
+    """A catalogue that is up to date.
+
+    Attributes
+    ----------
+    path, base : Path
+        The database, and the folder from which the names of sessions start.
+    done : dict
+        Sessions by their state, as attributes of :class:`Catalogued`.
+    units : dict
+        Units of the columns of experiments.
+    connection : Connection
+        To a copy in memory, of which anything may be asked.
+    """
+
+    path: Path
+    base: Path
+    done: dict[str, Any]
+    units: dict[str, str]
+    connection: sqlite3.Connection
+
+    @property
+    def page_folder(self) -> Path:
+        """Folder of pages about the sessions: the one that holds them, or ``labpipe`` where it is a session itself."""
+        return self.base / "labpipe" if (self.base / FILE_NAME).is_file() else self.base
+
+    def href(self, session: str, page: str) -> str:
+        """Return the way from a page about the sessions to one of a session; "" where there is none below."""
+        target = files.relative(self.base / session / "labpipe" / page, self.page_folder)
+        return target if (self.page_folder / target).is_file() and not target.startswith("..") else ""
+
+    def select(self, table: str, where: str = "", columns: Sequence[str] = ()) -> pd.DataFrame:
+        """Return rows of a table, with ``attrs["units"]``; ``where`` and ``columns`` as in :func:`catalogue`."""
+        import pandas as pd
+
+        source = "results NATURAL JOIN experiments" if table == "results" else table
+        known = [column[0] for column in self.connection.execute(f"SELECT * FROM {source} LIMIT 0").description]  # noqa: S608
+        for name in columns:
+            if name not in known:
+                raise UsageError(f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}')
+        selected = ", ".join(f'"{name}"' for name in columns) or "*"
+        order = '"session", "experiment"' if "experiment" in known else "1"
+        condition = f"WHERE ({where})" if where.strip() else ""
+        statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608 (of a copy in memory)
+        try:
+            rows = self.connection.execute(statement).fetchall()
+        except (sqlite3.Error, sqlite3.Warning) as error:
+            raise UsageError(f"--where {where!r}: {error}; the columns are {', '.join(known)}") from error
+        frame = pd.DataFrame(rows, columns=list(columns) or known)
+        frame.attrs["units"] = {name: self.units[name] for name in frame.columns if self.units.get(name)}
+        return frame
+
+
 @contextmanager
 def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | Path | None = None) -> Iterator[Opened]:
     """Bring the catalogue of all sessions below some folders, and its page, up to date; as :func:`catalogue`."""
+    import pandas as pd
+
     roots = [Path(folder).resolve() for folder in ([folders] if isinstance(folders, str | Path) else folders)]
     if not roots:
         raise InputError("no folder to search; give at least one")
     path = Path(database).resolve() if database is not None else roots[0] / CATALOGUE
-    tables = _tables(path)
-    done = _update(tables, roots, path)
+    before = path.read_bytes() if path.exists() else None
+    # the application is in the first bytes (sqlite.org/fileformat2.html, section 1.3)
+    is_ours = before is None or (before[:16] == b"SQLite format 3\0" and int.from_bytes(before[68:72]) == _APPLICATION)
+    if not is_ours:
+        hint = "Give another --database; this file is left as it is."
+        raise SourceError(path, "not a catalogue of labpipe", hint=hint)
+    base = path.parents[1] if path.parts[-2:] == Path(CATALOGUE).parts else path.parent
+    tables: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLES}
+    units: dict[str, str] = {}
+    done: dict[str, Any] = {"renewed": (), "unchanged": (), "problems": {}}
+    for folder in _sessions(roots):
+        name = files.relative(folder, base)
+        kept, state, problem = _kept_rows(folder)
+        if problem is not None:
+            done["problems"][name] = problem
+        else:
+            done[state] += (name,)
+        head = {"session": name}
+        tables["sessions"].append(kept.get("session", {}) | head | {"problem": problem})
+        tables["results"] += [
+            head | dict(zip(TABLES["results"][1:], row, strict=True)) for row in kept.get("results", ())
+        ]
+        for cells, found in kept.get("experiments", ()):
+            row = head | cells
+            for title, value, unit in found:
+                # The same word for two quantities, in kinds that know nothing of each other.
+                own = title if units.get(title, unit) == unit else f"{cells['kind']}_{title}"
+                units.setdefault(own, unit)
+                row[own] = value
+            tables["experiments"].append(row)
+    tables["columns"] = [{"name": name, "unit": unit} for name, unit in units.items()]
     with closing(sqlite3.connect(":memory:")) as connection:
-        for name, frame in tables.items():
-            frame.to_sql(name, connection, index=False)
+        for name, rows in tables.items():
+            columns = list(dict.fromkeys((*TABLES[name], *(title for row in rows for title in row))))
+            pd.DataFrame(rows, columns=columns, dtype=None if rows else object).to_sql(name, connection, index=False)
         connection.execute(f"PRAGMA application_id = {_APPLICATION}")
-        connection.execute(f"PRAGMA user_version = {_LAYOUT}")
-        opened = Opened(path, done, tables, connection)
-        page = opened.page_folder / PAGE
-        if done["renewed"] or done["removed"] or done["problems"] or not (path.exists() and page.exists()):
-            files.write_bytes(path, connection.serialize())
-            files.write_text(page, catalogue_page(opened))
+        opened = Opened(path, base, done, units, connection)
+        page, data = opened.page_folder / PAGE, connection.serialize()
+        if data != before or done["renewed"] or not page.exists():
+            files.write_bytes(path, data)
+            files.write_text(page, _page(opened))
         yield opened
 
 
-def _tables(path: Path) -> dict[str, pd.DataFrame]:
-    """Return the tables of a catalogue; empty ones where there is none, or it is damaged or of another layout."""
-    import pandas as pd
+def _kept_rows(folder: Path) -> tuple[dict[str, Any], str, str | None]:
+    """Return the rows of a session, whether they are ``"renewed"`` or ``"unchanged"``, and its problem.
 
-    data = path.read_bytes() if path.exists() else None
-    # application and layout are in the first bytes (sqlite.org/fileformat2.html, section 1.3)
-    if data is not None and not (data.startswith(b"SQLite format 3\0") and int.from_bytes(data[68:72]) == _APPLICATION):
-        hint = "Give another --database; this file is left as it is."
-        raise SourceError(path, "not a catalogue of labpipe", hint=hint)
-    if data is not None and int.from_bytes(data[60:64]) == _LAYOUT:
-        with closing(sqlite3.connect(":memory:")) as connection, suppress(sqlite3.Error, pd.errors.DatabaseError):
-            connection.deserialize(data)
-            return {name: pd.read_sql_query(f"SELECT * FROM {name}", connection) for name in TABLES}  # noqa: S608
-    return {name: pd.DataFrame(columns=list(columns), dtype=object) for name, columns in TABLES.items()}
+    Of one that cannot be read they are those of before.
+    """
+    path = Store(folder / "labpipe").root / _KEPT
+    try:
+        kept = files.unseal(path.read_bytes()) or {}
+    except OSError:
+        kept = {}
+    try:
+        plan = plan_session(folder, keep=True)  # years of sessions outlive the code that processed them
+    except LabpipeError as error:
+        return kept, "unchanged", str(error)
+    session = plan.session
+    # findings name lines, so that a line more is a change
+    settings = {n: [msgspec.to_builtins(e.settings), dict(e.lines)] for n, e in session.experiments.items()}
+    states = [[*row.task, row.state, plan.keys[row.task].value] for row in plan.rows]
+    document = [_LAYOUT, session.title, session.operator, session.synthetic, settings, states, session.waiting]
+    digest = hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
+    if kept.get("digest") == digest:
+        return kept, "unchanged", None
+    kept = {"digest": digest, **_rows(plan)}
+    with suppress(StorageError):  # it only saves time
+        files.write_bytes(path, files.seal(kept))
+    return files.unseal(files.seal(kept)), "renewed", None
 
 
 def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
@@ -209,93 +315,90 @@ def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
                 yield place
 
 
-def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) -> dict[str, Any]:
-    """Bring the tables up to date; return the sessions that were read again, unchanged, removed or broken."""
-    import pandas as pd
-
-    known = dict(zip(tables["sessions"]["session"], tables["sessions"]["digest"], strict=True))
-    units = dict(zip(tables["columns"]["name"], tables["columns"]["unit"], strict=True))
-    base = base_of(path)
-    new: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLES}
-    renewed, unchanged = [], []
-    problems: dict[str, str] = {}
-    for folder in _sessions(roots):
-        name = files.relative(folder, base)
-        try:
-            plan = plan_session(folder, keep=True)  # years of sessions outlive the code that processed them
-        except LabpipeError as error:
-            problems[name] = str(error)
-            continue
-        if known.get(name) == (digest := _digest(plan)):
-            unchanged.append(name)
-            continue
-        session = plan.session
-        head = {"session": name, "title": session.title, "operator": session.operator}
-        new["sessions"].append({**head, "synthetic": int(session.synthetic), "digest": digest})
-        _add(new, units, name, plan)
-        renewed.append(name)
-    below = [files.relative(root, base) for root in roots]
-    found = {*renewed, *unchanged, *problems}
-    gone = [
-        name
-        for name in known
-        if name not in found
-        and any(name.startswith(f"{root}/") or name == root or (root == "." and name[:3] != "../") for root in below)
-    ]
-    kept: dict[str, Any] = {row["session"]: row for row in tables["sessions"].to_dict("records")}
-    # the rest that is known of a session that cannot be read is kept
-    new["sessions"] += [kept.get(n, {"session": n}) | {"digest": None, "problem": why} for n, why in problems.items()]
-    stale = {*renewed, *gone}
-    for name in ("experiments", "results", "sessions") if stale or problems else ():
-        left_out = stale | problems.keys() if name == "sessions" else stale
-        rows: list[Any] = [row for row in tables[name].to_dict("records") if row["session"] not in left_out]
-        rows += new[name]
-        columns = dict.fromkeys((*TABLES[name], *(title for row in rows for title in row)))
-        tables[name] = pd.DataFrame(rows, columns=list(columns))
-    tables["columns"] = pd.DataFrame(list(units.items()), columns=list(TABLES["columns"]))
-    return {"renewed": tuple(renewed), "unchanged": tuple(unchanged), "removed": tuple(gone),
-            "problems": problems}  # fmt: skip
-
-
-def _digest(plan: Plan) -> str:
-    session = plan.session
-    # findings name lines, so that a line more is a change
-    settings = {n: [msgspec.to_builtins(e.settings), dict(e.lines)] for n, e in session.experiments.items()}
-    states = [[*row.task, row.state, plan.keys[row.task].value] for row in plan.rows]
-    document = [session.title, session.operator, session.synthetic, settings, states, session.waiting]
-    return hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
-
-
-def _add(new: dict[str, list[dict[str, Any]]], units: dict[str, str], name: str, plan: Plan) -> None:
-    """Add the experiments of a session and their short results."""
+def _rows(plan: Plan) -> dict[str, Any]:
+    """Return the rows of a session: of itself, of its experiments with value and unit of each column, and results."""
     session, results = plan.session, Results(plan)
-    verdicts = stored_verdicts(results)
+    verdicts, waiting = stored_verdicts(results), waiting_verdicts(session)
+    experiments: list[tuple[dict[str, Any], list[tuple[str, Any, str]]]] = []
+    numbers: list[tuple[Any, ...]] = []
     for experiment in session.without_variants().experiments.values():
         rows = [row for row in plan.rows if row.experiment == experiment.name]
-        waiting = sum(row.state not in READY for row in rows)
-        kept = sum(row.state == KEPT for row in rows)
-        state = f"{waiting} of {len(rows)} steps to do" if waiting else "done"
+        to_do, kept = sum(row.state not in READY for row in rows), sum(row.state == KEPT for row in rows)
+        state = f"{to_do} of {len(rows)} steps to do" if to_do else "done"
         state += f", {kept} results of earlier code" if kept else ""
-        entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind, "state": state})
-        entry.cells["operator"] = session.operator
-        entry.add_verdict(verdicts.get(experiment.name))
-        entry.add_settings((), experiment.settings)
+        cells: dict[str, Any] = {"experiment": experiment.name, "kind": experiment.kind, "state": state}
+        cells |= {"operator": session.operator, **_verdict_cells(verdicts.get(experiment.name))}
+        found = {title: (value, unit) for title, value, unit in _settings((), experiment.settings)}
         for row in rows:
-            dataset = results.up_to_date(row)
-            if dataset is None:
+            if (dataset := results.up_to_date(row)) is None:
                 continue
-            entry.add_key_numbers(experiment.kind, row.stage, dataset)
-            entry.add_calibration(dataset)
-            label = (name, experiment.name, row.stage, row.recording)
-            numbers = [(*label, *v) for v in _values(dataset)]
+            for number in KINDS[experiment.kind].key_numbers:
+                if number.stage == row.stage and (pair := number.within(dataset)) is not None:
+                    title = number.title.replace(" ", "_")
+                    found.setdefault(title, (pair[0], number.unit))
+                    if pair[1] is not None:
+                        found.setdefault(f"u_{title}", (pair[1], number.unit))
+                    numbers.append((experiment.name, KEYS, row.recording, number.title, 0, *pair, number.unit))
+            cells |= _calibration(dataset, cells, found)
+            numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
             if JUDGEMENT in dataset.attrs:
-                numbers += [(name, experiment.name, CHECKS, *v) for v in _ratios(dataset.attrs[JUDGEMENT])]
-            new["results"] += [dict(zip(TABLES["results"], n, strict=True)) for n in numbers]
-        new["experiments"].append(entry.row(units))
-    for one in waiting_verdicts(session).values():
-        entry = _Entry({"session": name, "experiment": one.experiment, "kind": one.kind, "state": one.state})
-        entry.add_verdict(one)
-        new["experiments"].append(entry.row(units))
+                numbers += [(experiment.name, CHECKS, *v) for v in _ratios(dataset.attrs[JUDGEMENT])]
+        source = next((str(found[n][0]) for n in ("material_from", "material_file") if n in found), "")
+        if source:  # the polymer that the name of a DMA experiment or a file contains, or else that name
+            source = source.removeprefix(REFERENCE)
+            found.setdefault("material", (material_word(source) or source, ""))
+        experiments.append((cells, [(title, *pair) for title, pair in found.items()]))
+    for one in waiting.values():
+        cells = {"experiment": one.experiment, "kind": one.kind, "state": one.state, **_verdict_cells(one)}
+        experiments.append((cells, []))
+    head = {"title": session.title, "operator": session.operator, "synthetic": int(session.synthetic)}
+    return {"session": head, "experiments": experiments, "results": numbers}
+
+
+def _verdict_cells(verdict: Verdict | None) -> dict[str, Any]:
+    """Return the cells of a verdict, the worst finding first; none of an experiment that was not judged."""
+    if verdict is None:
+        return {}
+    places = [f.file if f.line is None else f"{f.file}:{f.line}" for f in verdict.findings]
+    lines = [
+        f"{f.level}: {f.message}" + (f" ({place})" if f.file else "")
+        for f, place in zip(verdict.findings, places, strict=True)
+    ]
+    cause = verdict.cause or next((f.cause for f in verdict.findings if f.cause), "")
+    return {"believable": verdict.believable, "model": verdict.model, "checks": verdict.checks,
+            "findings": "; ".join(lines), "cause": cause}  # fmt: skip
+
+
+def _settings(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, Any, str]]:
+    """Yield name, value and unit of a setting or, of a table of settings, of all in it."""
+    if isinstance(value, msgspec.Struct):
+        for name in value.__struct_fields__:
+            yield from _settings((*path, name), getattr(value, name))
+        return
+    name = "_".join(path[1:] if len(path) > 1 and path[0] in _BODIES else path)
+    if value is None or name == "kind":
+        return
+    if isinstance(value, Quantity):
+        yield name, value.value, value.si
+        if value.u:
+            yield f"u_{name}", value.u, value.si
+    else:
+        is_plain = isinstance(value, bool | int | float | str)
+        yield name, value if is_plain else files.canonical(msgspec.to_builtins(value)), ""
+
+
+def _calibration(dataset: xr.Dataset, cells: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the first day of the recordings, and the record that their sensor was calibrated with."""
+    found = json.loads(dataset.attrs.get("calibration") or "{}")
+    if not isinstance(found, dict):  # why there is none
+        found = {"recorded_day": str(dataset.attrs.get("start", ""))[:10]}
+    days = filter(None, (found.get("stated_day") or found.get("recorded_day"), cells.get("recorded")))
+    made: dict[str, Any] = {"recorded": day} if (day := min(days, default=None)) else {}
+    if "id" in found:
+        places = [v for n, (v, _) in settings.items() if n.endswith(("calibration", "_record"))]
+        name = found["serial"] or _DATE.sub("", next((Path(str(place)).stem for place in places), ""))
+        made |= {"record": found["id"], "sensor": f"{found['instrument']} {name}".strip()}
+    return made
 
 
 def _ratios(judgement: str) -> Iterator[tuple[str, str, int, float, float, str]]:
@@ -320,91 +423,63 @@ def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None
             continue
         if text.startswith("u_") and text[2:] in dataset:
             continue
-        u = dataset.get(f"u_{text}")
-        for i, value in enumerate(np.ravel(variable.values)):
+        u, unit = dataset.get(f"u_{text}"), str(variable.attrs.get("units", ""))
+        own = np.full(variable.size, np.nan) if u is None or u.size != variable.size else np.ravel(u.values)
+        for i, (value, of_it) in enumerate(zip(np.ravel(variable.values), own, strict=True)):
             if np.isfinite(value):
-                own_u = None if u is None or u.size != variable.size else float(np.ravel(u.values)[i])
-                yield text, i, float(value), own_u, str(variable.attrs.get("units", ""))
+                yield text, i, float(value), float(of_it) if np.isfinite(of_it) else None, unit
 
 
-@dataclass(slots=True)
-class _Entry:
-    """One row of the table of experiments while it is gathered."""
+def _page(opened: Opened) -> str:
+    """Write the page: every experiment by kind with its verdict and key numbers, and a way to its own page."""
+    experiments, sessions = opened.select("experiments"), opened.select("sessions")
+    experiments = experiments.astype(object).where(experiments.notna(), None)
+    n = len(experiments)
+    sure, bad = (int((experiments["believable"] == word).sum()) for word in ("yes", "impossible"))
+    agree, differ = (int((experiments["model"] == word).sum()) for word in ("agrees", "differs"))
+    text = f"{counted(len(sessions), 'session')} with {counted(n, 'experiment')}: {sure} believable, "
+    text += f"{agree} in which the model agrees{f', {differ} in which it differs' if differ else ''}."
+    answer: list[Block] = [Notice("error" if bad else "ok" if sure == n else "info", text)]
+    broken = sessions[sessions["problem"].notna()].to_dict("records")
+    answer += [Notice("error", f"{row['session']}: {row['problem']}") for row in broken]
+    if (opened.page_folder / TREND_PAGE).is_file():
+        answer.append(Link("Quantities over time", TREND_PAGE, "control charts, as of the last labpipe trend"))
+    sections = [Section("Answer", answer)]
+    for kind in dict.fromkeys(experiments["kind"]):
+        own = experiments[experiments["kind"] == kind]
+        title = KINDS[kind].title if kind in KINDS else kind or "Waiting"
+        sections.append(Section(title, [_table(opened, kind, own)]))
+    links = [
+        Link(row["session"], href, ", ".join(str(row[n]) for n in ("title", "operator") if row[n]))
+        for row in sessions.to_dict("records")
+        if (href := opened.href(row["session"], SESSION_PAGE))
+    ]
+    sections += [Section("Sessions", links)] if links else []
+    title = f"{opened.base.name}: all sessions"
+    badge = SYNTHETIC if len(sessions) and (sessions["synthetic"] == 1).all() else ""
+    return Document(title, "", badge, sections).render()
 
-    cells: dict[str, Any]
-    units: dict[str, str] = field(default_factory=dict)
 
-    def add_verdict(self, verdict: Verdict | None) -> None:
-        """Add the findings, the worst first; none of an experiment that was not judged."""
-        if verdict is None:
-            return
-        lines = []
-        for f in verdict.findings:
-            place = f.file if f.line is None else f"{f.file}:{f.line}"
-            lines.append(f"{f.level}: {f.message}" + (f" ({place})" if f.file else ""))
-        cause = verdict.cause or next((f.cause for f in verdict.findings if f.cause), "")
-        self.cells |= {"believable": verdict.believable, "model": verdict.model, "checks": verdict.checks,
-                       "findings": "; ".join(lines), "cause": cause}  # fmt: skip
-
-    def add_settings(self, path: tuple[str, ...], value: Any) -> None:
-        """Add a setting or, for a table of settings, all in it."""
-        if isinstance(value, msgspec.Struct):
-            for name in value.__struct_fields__:
-                self.add_settings((*path, name), getattr(value, name))
-            return
-        name = "_".join(path[1:] if len(path) > 1 and path[0] in _BODIES else path)
-        if value is None or name == "kind":
-            return
-        if isinstance(value, Quantity):
-            self.add_number(name, value.value, value.u or None, value.si)
-        elif isinstance(value, bool | int | float | str):
-            self.cells[name] = value
-        else:
-            self.cells[name] = files.canonical(msgspec.to_builtins(value))
-
-    def add_key_numbers(self, kind: str, stage: str, dataset: xr.Dataset) -> None:
-        """Add the numbers that the session's page shows of this kind of experiment."""
-        for number in KINDS[kind].key_numbers:
-            if number.stage == stage and (found := number.within(dataset)) is not None:
-                self.add_number(number.title.replace(" ", "_"), *found, number.unit)
-
-    def add_calibration(self, dataset: xr.Dataset) -> None:
-        """Add the day of a recording, and the record that its sensor was calibrated with."""
-        found = json.loads(dataset.attrs.get("calibration") or "{}")
-        if not isinstance(found, dict):  # why there is none
-            found = {"recorded_day": str(dataset.attrs.get("start", ""))[:10]}
-        days = (found.get("stated_day") or found.get("recorded_day"), self.cells.get("recorded"))
-        if known := sorted(filter(None, days)):
-            self.cells["recorded"] = known[0]
-        if "id" not in found:
-            return
-        places = [v for n, v in self.cells.items() if n.endswith(("calibration", "_record"))]
-        name = found["serial"] or _DATE.sub("", next((Path(str(place)).stem for place in places), ""))
-        sensor = f"{found['instrument']} {name}".strip()
-        self.cells |= {"record": found["id"], "sensor": sensor}
-
-    def add_number(self, name: str, value: float, u: float | None, unit: str) -> None:
-        """Add a value, and its standard uncertainty under ``u_`` and the same name."""
-        for title, one in ((name, value), (f"u_{name}", u)):
-            if one is not None:
-                self.cells.setdefault(title, one)
-                self.units[title] = unit
-
-    def row(self, units: dict[str, str]) -> dict[str, Any]:
-        """Return the row; units of new columns are added to those that are known.
-
-        Every experiment on a polymer has the column ``material``, wherever its moduli come from: of a DMA
-        experiment or a file it is the polymer that its name contains, or else that name.
-        """
-        source = self.cells.get("material_from") or self.cells.get("material_file")
-        if source is not None:
-            name = str(source).removeprefix(REFERENCE)
-            self.cells.setdefault("material", material_word(name) or name)
-        made = {}
-        for name, value in self.cells.items():
-            unit = self.units.get(name, "")
-            # The same word for two quantities, in kinds that know nothing of each other.
-            title = name if units.get(name, unit) == unit else f"{self.cells['kind']}_{name}"
-            units.setdefault(title, unit)
-            made[title] = value
-        return made
+def _table(opened: Opened, kind: str, own: pd.DataFrame) -> IndexTable:
+    """List the experiments of a kind, the latest first."""
+    own = own.sort_values("recorded", ascending=False, kind="stable", na_position="last")
+    named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
+    own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
+    columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
+    numbers = opened.select("results", f"stage = '{KEYS}'").drop_duplicates(["session", "experiment", "variable"])
+    for key in KINDS[kind].key_numbers if kind in KINDS else ():
+        those = numbers.loc[numbers["variable"] == key.title, ["session", "experiment", "value", "u"]]
+        found = own[["session", "experiment"]].merge(those, how="left")
+        if found["value"].notna().any():
+            u = found["u"].tolist() if found["u"].notna().any() else None
+            columns.append(Listed(key.title, found["value"].tolist(), key.unit, u))
+    table = listed(columns)
+    rows = []
+    for row, metrics in zip(own.to_dict("records"), table.rows, strict=True):
+        state, level = row["state"], "info"
+        if row["believable"] is not None:
+            state, level = judgement(row["believable"], row["model"])
+        href = opened.href(row["session"], page_name(row["experiment"]))
+        remark = row["session"] + (f": {row['cause']}" if row["cause"] else "")
+        rows.append(IndexRow(row["experiment"], state, level, href, metrics, remark=remark))  # type: ignore[arg-type]
+    return IndexTable(table.columns, rows, "The latest first; select a heading to sort." if len(rows) > 1 else "")

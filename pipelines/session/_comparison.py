@@ -1,22 +1,64 @@
-"""Comparisons of measurement and model over a session: the rows of its experiments, named and labelled."""
+"""Measurement against model over all experiments of a session, and two experiments side by side, with their pages.
+
+The comparisons of an experiment are in its own results; here the rows of all kinds are collected.
+A curve gives its normalised root-mean-square error and bias, an event (a restitution, a largest
+radius, the work of a cycle) its two values and their difference with its uncertainty.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import contextlib
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from labpipe.errors import LabpipeError
+import numpy as np
+
+from labpipe import files
+from labpipe.errors import InputError, LabpipeError, UsageError
+from labpipe.judging import LIKELY
 from labpipe.notebook import Shown, ShownAsTable
+from labpipe.report import (
+    SURE,
+    Block,
+    Details,
+    Deviations,
+    KeyValues,
+    LineChart,
+    Link,
+    Listed,
+    Notice,
+    Paragraph,
+    Role,
+    Section,
+    Series,
+    display_unit,
+    listed,
+    number,
+    plus_minus,
+    quantity,
+)
 from labpipe.workflow.context import settings_in_words
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.graph import OTHER, field_value
+from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.session._results import derive
+from pipelines.experiments.shared.judgements import probability
+from pipelines.experiments.shared.pages import counted, session_document, synthetic_notice
+from pipelines.session._overview import AND, BESIDE, curve, pages_together, write_overview
+from pipelines.session._results import STAGES, derive, opened
+from pipelines.session._verdict_notices import agreement, each
+from pipelines.session._verdicts import stored_verdicts
+
+GOOD = 0.03
+"""nRMSE that is called good: the aim for data made with the right material."""
+
+_REASONS = 5  # why more models differ stands on their own pages
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -24,7 +66,7 @@ class Comparison(ShownAsTable):
     """All rows of a session, and the experiments that failed or compare nothing, with reasons.
 
     ``page`` is the HTML file. ``experiments`` holds, for each that is judged as a whole, its chi
-    square, and the smallest error of each input that it would have shown; ``variants`` each variant and its base.
+    square, and the smallest error of each input that it would have shown.
     """
 
     rows: tuple[Row, ...]
@@ -32,7 +74,6 @@ class Comparison(ShownAsTable):
     absent: dict[str, str]
     page: Path
     experiments: tuple[dict[str, Any], ...] = ()
-    variants: tuple[SideBySide, ...] = ()
 
     def _shown(self) -> Shown:
         rows = [(r.experiment, r.condition, r.quantity, comparison_text(r)) for r in self.rows]
@@ -41,47 +82,25 @@ class Comparison(ShownAsTable):
         return Shown(f"{len(self.rows)} comparisons, {self.page}", titles, rows)
 
 
-@dataclass(frozen=True, slots=True)
-class SideBySide:
-    """Two experiments: the settings that differ where one is a variant, and their rows in pairs, base first."""
-
-    name: str
-    base: str
-    changed: Mapping[str, tuple[str, str]]
-    rows: tuple[tuple[Row, Row], ...]
-
-    @property
-    def changes(self) -> str:
-        """The settings that differ, in words."""
-        return settings_in_words(self.changed)
-
-    def document(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        rows = [{"base": old.document(), "variant": new.document()} for old, new in self.rows]
-        return {"name": self.name, "base": self.base, "changed": dict(self.changed), "rows": rows}
-
-
-def side_by_side(session: Session, base: str, name: str, rows: Iterable[Row]) -> SideBySide:
-    """Pair the rows of two experiments that compare the same."""
-    base_rows, own = ({(r.quantity, r.unit, r.against): r for r in rows if r.experiment == n} for n in (base, name))
-    pairs = tuple((base_rows[key], own[key]) for key in base_rows if key in own)
-    return SideBySide(name, base, session.experiments[name].changed, pairs)
+def sides(row: Row) -> tuple[str, str, str]:
+    """Write the measured value of an event, the one that it is compared with, and the unit of both; "" for none."""
+    shown = display_unit([value for value in (row.measured, row.model, row.difference) if value is not None], row.unit)
+    texts = [
+        "" if value is None else plus_minus(value / shown.factor, u / shown.factor) if u
+        else number(value / shown.factor, 5)
+        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
+    ]  # fmt: skip
+    return texts[0], texts[1], shown.text
 
 
 def comparison_text(row: Row) -> str:
     """Write the values of a row: nRMSE and bias of a curve, both sides and the deviation of an event."""
-    from labpipe.report import display_unit, number, plus_minus, quantity
-
     if row.nrmse is not None:
         bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
         return f"nRMSE {100 * row.nrmse:.2f} %{bias}"
-    shown = display_unit([value for value in (row.measured, row.model) if value is not None], row.unit)
-    measured, model = (
-        plus_minus(value / shown.factor, u / shown.factor) if u else number(value / shown.factor, 5)
-        for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model))
-    )
+    measured, model, unit = sides(row)
     deviation = "" if row.deviation is None else f", {row.deviation:+z.1f} u"
-    return f"{measured} against {model}{shown.text and f' {shown.text}'}{deviation}"
+    return f"{measured} against {model}{unit and f' {unit}'}{deviation}"
 
 
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
@@ -112,8 +131,7 @@ def _material(experiment: Experiment, session: Session) -> str:
     kind = KINDS[experiment.kind]
     body = getattr(experiment.settings, kind.body, None)
     texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
-    own = next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
-    if own:
+    if own := next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), ""):
         return own
     inputs = {name.removeprefix(OTHER) for s in kind.stages for name in s.inputs if name.startswith(OTHER)}
     for field in sorted({name.split("/")[0] for name in inputs}):
@@ -122,3 +140,270 @@ def _material(experiment: Experiment, session: Session) -> str:
         if other is not None and other.name != experiment.name and (found := _material(other, session)):
             return found
     return ""
+
+
+# --- the page of a session ---
+
+
+def render(session: Session, found: Comparison) -> str:
+    """Return the page of a session as HTML text; a variant is on the page of its base and itself."""
+    rows = [row for row in found.rows if row.experiment not in session.variants]
+    judged = [one for one in found.experiments if one["experiment"] not in session.variants]
+    links = [Link(text, name) for text, name in pages_together(session.folder)]
+    sections = [
+        Section("Answer", (*_summary(found, rows, judged), *links, *synthetic_notice(session))),
+        Section("Deviations", tuple(_deviations(rows))),
+        Section("Experiments", tuple(_experiments(rows, judged))),
+        Section("Comparisons", tuple(_comparisons(rows))),
+    ]
+    return session_document(session, "Measurement against model", sections)
+
+
+def _summary(found: Comparison, rows: Sequence[Row], judged: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
+    """Say in how many experiments the model agrees, and how many comparisons that rests on."""
+    if said := agreement({one["experiment"]: one["model"] for one in judged}):
+        yield said
+    reasons = []
+    for one in judged:  # a record that cannot be believed, or inputs that would explain the difference
+        name, believable = one["experiment"], one["believable"]
+        if believable in ("doubtful", "impossible"):
+            text = f"the record is {believable}" + (f": {one['cause']}" if one["cause"] else "")
+            reasons.append(Notice("error" if believable == "impossible" else "warning", f"{name}: {text}."))
+        elif one["suspects"]:
+            reasons.append(Notice("warning", f"{name}: {'; '.join(one['suspects'])}."))
+    yield from reasons[:_REASONS]
+    if len(reasons) > _REASONS:
+        yield Paragraph(f"{len(reasons) - _REASONS} more say on their own pages why they may differ.")
+    curves = [row for row in rows if row.is_curve]
+    known, p = ([v for v in values if v is not None] for values in ([r.deviation for r in rows], [r.p for r in curves]))
+    within = "differ by less than the 95 % interval of the difference"
+    counts = [
+        ("values", sum(abs(d) < SURE for d in known), len(known), within),
+        ("curves", sum((r.nrmse or 0.0) < GOOD for r in curves), len(curves), f"with an nRMSE below {100 * GOOD:g} %"),
+        ("", sum(one > LIKELY for one in p), len(p), f"with p above {LIKELY:g} along the curve"),
+    ]
+    if of_any := [(title, f"{n} of {of}", text) for title, n, of, text in counts if of]:
+        yield KeyValues(of_any)
+    yield from (Notice("error", f"{name}: {why}") for name, why in found.failed.items())
+    if kept := {row.experiment: row.kept for row in found.rows if row.kept}:
+        text = f"{counted(len(kept), 'experiment')} with results that earlier code made and that were kept."
+        yield Notice("warning", text)
+        table = KeyValues([(name, ", ".join(stages), "") for name, stages in kept.items()])
+        yield Details("Results of earlier code", blocks=(table,))
+    for why in dict.fromkeys(found.absent.values()):
+        names = ", ".join(name for name, text in found.absent.items() if text == why)
+        yield Notice("info", f"{names}: {why}")
+
+
+def _deviations(rows: Sequence[Row]) -> Iterator[Block]:
+    points: dict[str, list[tuple[float, str]]] = {}
+    for row in rows:
+        if row.deviation is not None:
+            points.setdefault(_what(row), []).append((row.deviation, f"{row.experiment}, {row.condition}".rstrip(", ")))
+    caption = (
+        "Each mark is one experiment, in standard uncertainties of its difference, measured minus model; the shaded "
+        "band holds 95 % of them when model and uncertainties are right. Filled diamonds lie outside, "
+        "triangles at the edge farther out."
+    )
+    if points:
+        yield Deviations("Difference over its uncertainty", list(points.items()), caption)
+
+
+def _experiments(rows: Sequence[Row], judged: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
+    """List the experiments that are judged as a whole, the largest deviation first."""
+    worst = {one["experiment"]: (None, "") for one in judged} | {
+        row.experiment: (row.deviation, row.quantity) for row in sorted(rows, key=lambda r: abs(r.deviation or 0.0))
+    }
+    order = sorted(judged, key=lambda one: -abs(worst[one["experiment"]][0] or 0.0))
+    if order:
+        deviations = [worst[one["experiment"]] for one in order]
+        yield listed([
+            Listed("experiment", [one["experiment"] for one in order]),
+            Listed("model", [one["model"] for one in order]),
+            Listed("largest deviation", [deviation for deviation, _ in deviations], "u", digits=2),
+            Listed("of", ["" if deviation is None else quantity for deviation, quantity in deviations]),
+            Listed("chi square", [one["chi2"] if one["degrees_of_freedom"] else None for one in order], digits=3),
+            Listed("degrees of freedom", [one["degrees_of_freedom"] or None for one in order], digits=2),
+            Listed("p", [None if one["p"] is None else probability(one["p"]) for one in order]),
+        ])  # fmt: skip
+
+
+def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:
+    """List all comparisons: values by their deviation, then curves by their error."""
+    if not rows:
+        return
+    rows = sorted(rows, key=lambda r: (r.is_curve, -abs(r.deviation or 0.0), -(r.nrmse or 0.0)))
+    units, (measured, u_measured, model, u_model, difference, u) = _scaled(rows)
+    parts = ([*row.material.split(", "), *row.condition.split(", ")] for row in rows)
+    text = (
+        "The largest deviation first: measured minus model in units of the difference's standard uncertainty. The "
+        "uncertainty of the model includes that of every input that is stated with one, and of the DMA from which "
+        "a material is taken; a material of the library or of a file counts as exact. A difference of many u means "
+        "that one of the inputs, or the material, is wrong. Of a curve, nRMSE is the root mean square of the "
+        "difference over the range of the model, and the difference its mean, with an uncertainty where the scale of "
+        "the calibration contributes to it; n counts repeats, or the points of a single curve."
+    )
+    yield Paragraph(text)
+    yield listed([
+        Listed("deviation", [r.deviation for r in rows], "u", digits=2),
+        Listed("quantity", [_what(r) for r in rows]),
+        Listed("experiment", [r.experiment for r in rows]),
+        # in one cell, so that the table fits a page
+        Listed("of", [", ".join(p.replace(" ", "\N{NO-BREAK SPACE}") for p in own if p) for own in parts]),
+        Listed("measured", measured, u=u_measured), Listed("model", model, u=u_model),
+        Listed("difference", difference, u=u, digits=3), Listed("in", units),
+        Listed("nRMSE", [None if r.nrmse is None else 100 * r.nrmse for r in rows], "%", digits=2),
+        Listed("p", [r.p for r in rows], digits=2), Listed("n", [r.n for r in rows]),
+    ])  # fmt: skip
+
+
+def _what(row: Row) -> str:
+    """Name the quantity of a row, and the reference where that is no model."""
+    return row.quantity if row.against == "model" else f"{row.quantity} ({row.against})"
+
+
+def _scaled(rows: Sequence[Row]) -> tuple[list[str], list[list[float | None]]]:
+    """Return the unit that suits each row, and its values in it: metres and newtons share a column."""
+    names = ("measured", "u_measured", "model", "u_model", "difference", "u_difference")
+    values = [[getattr(row, name) for name in names] for row in rows]
+    shown = [
+        display_unit([v for v in (own[:3:2] if any(own[:3:2]) else own[4:5]) if v is not None], row.unit)
+        for row, own in zip(rows, values, strict=True)
+    ]
+    scaled = [[v if v is None else v / s.factor for v in own] for own, s in zip(values, shown, strict=True)]
+    return [s.text for s in shown], [list(column) for column in zip(*scaled, strict=True)]
+
+
+# --- two experiments ---
+
+
+def beside(folder: str | Path, first: str, second: str) -> Path:
+    """Write the page of two experiments side by side, from the results that are there.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    first, second : str
+        Names of two experiments.
+
+    Returns
+    -------
+    Path
+        ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
+
+    Raises
+    ------
+    UsageError
+        There is no such experiment, or it is one and the same.
+    InputError
+        One of them has no results that are up to date.
+
+    Examples
+    --------
+    >>> beside("my-session", "acrylic_7mm", "acrylic_10mm")  # doctest: +SKIP
+    """
+    results = opened(folder)
+    session, names = results.plan.session, (first, second)
+    for name in names:
+        if name not in session.experiments:
+            raise UsageError(f'there is no experiment "{name}" that is complete')
+    if first == second:
+        raise UsageError(f'name two experiments; "{first}" was named twice')
+    verdicts = stored_verdicts(results)
+    rows: dict[str, list[Row]] = {}
+    for name in names:
+        if (own := compared(results, name)) is None and name not in verdicts:
+            raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
+        rows[name] = own or []
+    # another measurement, where there is no model
+    every = sorted((row for own in rows.values() for row in own), key=lambda row: row.against == "model")
+    against = {row.experiment: row.against for row in every}
+    base, name = names if session.experiments[first].base != second else (second, first)
+    said, table = _difference(session, base, name, rows)
+    links = [Link(n, page_name(n), KINDS[session.experiments[n].kind].title) for n in names]
+    links = [link for link in links if (session.folder / link.href).is_file()]
+    answer = (*each(names, verdicts, against), Notice("info", said), *_curves_of(results, names))
+    sections = [Section("Answer", answer), Section("Difference", (*table, *links, *synthetic_notice(session)))]
+    path = _page(session, first, second)
+    files.write_text(path, session_document(session, f"{first} beside {second}", sections))
+    write_overview(session, STAGES)
+    return path
+
+
+def write_variants(session: Session, done: Collection[str]) -> None:
+    """Write the page of each variant and its base, of which something was computed and all is up to date."""
+    for name, one in session.variants.items():
+        if {name, one.base} & set(done) or not _page(session, one.base, name).is_file():
+            with contextlib.suppress(InputError):  # the page of the one that failed says why
+                beside(session.root, one.base, name)
+
+
+def _page(session: Session, first: str, second: str) -> Path:
+    names = (re.sub(r"[^\w.-]+", "_", name) for name in (first, second))
+    return session.folder / f"{BESIDE}{AND.join(names)}.html"
+
+
+def _difference(session: Session, base: str, name: str, rows: Mapping[str, list[Row]]) -> tuple[str, list[Block]]:
+    """Say in how many quantities two experiments differ, and lay all comparisons of both next to each other.
+
+    The measurement of a variant is that of its base; of others the measured values are compared, the largest
+    difference first.
+    """
+    of_base, own = ({(r.quantity, r.unit, r.against): r for r in rows[n]} for n in (base, name))
+    pairs = [(of_base.get(key), own.get(key)) for key in dict.fromkeys([*of_base, *own])]
+    gaps = [_gap(*pair) for pair in pairs]
+    caption, tables, columns = "Measured against expected", list[Block](), list[Listed]()
+    if session.experiments[name].base == base:
+        changed = session.experiments[name].changed
+        said = f"{name} is a variant of {base}: {settings_in_words(changed)}."
+        caption += "; what the settings do not touch is equal on both sides."
+        sides = zip((base, name), zip(*changed.values(), strict=True), strict=True)
+        tables = [listed([Listed("setting", list(changed)), *(Listed(title, texts) for title, texts in sides)])]
+    else:
+        known = [gap for gap in gaps if gap is not None]
+        apart = sum(abs(gap) >= SURE for gap in known)
+        said = f"{apart} of {counted(len(known), 'quantity', 'quantities')} measured in both "
+        said += f"{'differs' if apart == 1 else 'differ'} by more than the 95 % interval of the difference."
+        said = said if known else "No quantity is measured in both: the comparisons of each follow below."
+        caption += ". What both share, such as the calibration of one sensor, counts in each: where they share much, "
+        caption += "the difference is known better than is said here."
+        order = sorted(range(len(pairs)), key=lambda i: -abs(gaps[i] or 0.0))
+        pairs, gaps = [pairs[i] for i in order], [gaps[i] for i in order]
+        columns = [Listed(f"{base} minus {name}", gaps, "u", digits=2)] if known else []
+    columns.append(Listed("quantity", [_what(row) for pair in pairs if (row := pair[0] or pair[1])]))
+    for title, side in zip((base, name), zip(*pairs, strict=True), strict=False):
+        columns.append(Listed(title, [row and comparison_text(row) for row in side]))
+    return said, [*tables, *([listed(columns, caption)] if pairs else [])]
+
+
+def _gap(old: Row | None, new: Row | None) -> float | None:
+    """Return the difference of two measured values in units of its standard uncertainty; None where it has none."""
+    if old is None or new is None or old.measured is None or new.measured is None:
+        return None
+    u = float(np.hypot(old.u_measured or 0.0, new.u_measured or 0.0))
+    return (old.measured - new.measured) / u if u else None
+
+
+def _curves_of(results: Results, names: tuple[str, str]) -> Iterator[Block]:
+    """Lay the main curve of each experiment over the other's, where both are of one kind."""
+    kinds = {results.experiments[name].kind for name in names}
+    source = KINDS[kinds.pop()].picture if len(kinds) == 1 else None
+    if source is None:
+        return
+    found = [one for name in names if (one := results.first(name, source.stage)) is not None]
+    sides = [side for one in found if (side := curve(one, source)) is not None]
+    if len(sides) < len(names):
+        return
+    shown = []
+    for variable, values in zip((source.x, source.y), zip(*sides, strict=True), strict=True):
+        every = np.concatenate(values)
+        shown.append(display_unit(every[np.isfinite(every)], str(found[0][variable].attrs.get("units", "1"))))
+    labels = [f"{v.replace('_', ' ')} / {unit.text}" for v, unit in zip((source.x, source.y), shown, strict=True)]
+    roles: tuple[Role, Role] = ("measured", "reference")
+    series = [
+        Series(name, x / shown[0].factor, y / shown[1].factor, role=role)
+        for name, (x, y), role in zip(names, sides, roles, strict=True)
+    ]
+    title, scale = source.y.replace("_", " ").capitalize(), source.scale
+    yield LineChart(title, labels[0], labels[1], series, x_scale=scale, y_scale=scale)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The verb doctor: the installation, the disk, and the results of a session, checked."""
+"""The verb doctor: the installation, the disk, and a session: its results, recordings and settings, checked."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError
@@ -19,14 +19,60 @@ from labpipe.notebook import html_table, text_table
 from labpipe.plugins import PluginWarning
 
 if TYPE_CHECKING:
-    from pipelines.session._audit import Audit
+    from labpipe.judging import Finding, Level
 
 _OURS = ("calibration", "instruments", "labpipe", "pipelines")
-_LIBRARIES = (
-    "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
-    "numba", "click", "rich", "jinja2", "msgspec", "openpyxl", "threadpoolctl",
-)  # fmt: skip
 _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this
+_WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
+
+
+class Trouble(NamedTuple):
+    """One row of an audit: one thing to change, and all that it spoils.
+
+    ``level``, ``message``, ``cause``, ``file``, ``line``, ``value`` and ``place`` are those of the worst finding that
+    follows from it (:class:`labpipe.judging.Finding`); ``experiments`` and ``checks`` are all that it spoils and fails.
+    """
+
+    level: Level
+    experiments: tuple[str, ...]
+    checks: tuple[str, ...]
+    message: str
+    cause: str
+    file: str
+    line: int | None
+    value: str
+    place: str
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """All rows, the costliest first, the number of checks, and experiments by the values that they state as exact."""
+
+    troubles: tuple[Trouble, ...]
+    checks: int
+    exact: dict[str, list[str]]
+
+    @property
+    def is_impossible(self) -> bool:
+        """Whether any record contradicts itself, physics, or the session's statements."""
+        return any(t.level == "impossible" for t in self.troubles)
+
+    @property
+    def caption(self) -> str:
+        """Number of checks and of findings."""
+        count = {level: sum(t.level == level for t in self.troubles) for level in _WEIGHT}
+        found = ", ".join(f"{n} {level}" for level, n in count.items() if n)
+        return f"{self.checks} checks of the session: {found or 'nothing found'}"
+
+    @property
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Level, place, experiments, and observation with its cause, of every row."""
+        more = [len(t.checks) - 1 for t in self.troubles]
+        others = [f" (and {n} more check{'s' * (n > 1)})" if n else "" for n in more]
+        return [
+            (t.level, t.place, ", ".join(t.experiments), f"{t.message}{said}{f'; {t.cause}' if t.cause else ''}")
+            for t, said in zip(self.troubles, others, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +110,10 @@ class Health:
 
     def __repr__(self) -> str:
         head = [f"{name:24}{version}" for name, version in self.versions.items()]
-        room = f"{'free space':24}{self.free_bytes / 1e9:.1f} GB"
-        text = [*head, room, *self.plugins, "", *self.lines()]
+        text = [*head, f"{'free space':24}{self.free_bytes / 1e9:.1f} GB", *self.plugins, "", *self.lines()]
         if self.audit is not None:
-            rows = self.audit.rows
-            table = text_table(self.audit.caption, rows, most=None) if rows else self.audit.caption
+            text += ["", text_table(self.audit.caption, self.audit.rows, most=None)]
             exact = self.audit.exact.items()
-            text += ["", *table.splitlines()]
             text += [f"counted as exact, since stated without ±: {v} ({', '.join(n)})" for v, n in exact]
         return "\n".join(text)
 
@@ -107,27 +150,33 @@ def doctor(folder: str | Path | None = None) -> Health:
     ()
     """
     import instruments
+    from labpipe.workflow.session import FILE_NAME
+    from labpipe.workflow.store import Store
     from pipelines.experiments import ADDED
+    from pipelines.session._results import open_session
 
     place = Path(folder if folder is not None else ".")
     if not place.is_dir():
         raise InputError(f"{place} is no folder; name one that exists")
-    versions = _versions()
-    mistakes, damaged, is_sound = _session_problems(place)
+    versions, is_session = _versions(), (place / FILE_NAME).is_file()
+    damaged, mistakes = Store(place / "labpipe").check() if is_session else [], list[str]()
+    is_sound = is_session and not damaged
+    try:
+        waiting = open_session(place).waiting if is_session else {}
+        mistakes = [line for lines in waiting.values() for line in lines]
+    except LabpipeError as error:
+        mistakes, is_sound = str(error).splitlines(), False
     with warnings.catch_warnings(action="ignore", category=PluginWarning):  # they are listed here
         plugins = tuple(str(plugin) for plugin in (*instruments.added(), *ADDED))
-    audit = None
-    if folder is not None and is_sound:
-        from pipelines.session import _audit  # it loads the engine, which the installation may lack
-
-        audit = _audit.audit(place)
+    found = _audit(place) if folder is not None and is_sound else None
     problems, free = tuple(_problems(place, versions)), shutil.disk_usage(place).free
-    return Health(versions, plugins, free, problems, tuple(mistakes), tuple(damaged), audit)
+    return Health(versions, plugins, free, problems, tuple(mistakes), tuple(damaged), found)
 
 
 def _versions() -> dict[str, str]:
     found = {"labpipe": __version__, "python": platform.python_version()}
-    for name in _LIBRARIES:
+    wanted = (re.match(r"[\w.-]+(?!.*extra)", line) for line in importlib.metadata.requires("labpipe") or ())
+    for name in (match[0] for match in wanted if match is not None):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -163,17 +212,47 @@ def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.findall(r"\d+", version)[:4])
 
 
-def _session_problems(folder: Path) -> tuple[list[str], list[str], bool]:
-    """Return the problems of a session's configuration, damaged results, and whether it can be judged."""
-    from labpipe.workflow.session import FILE_NAME
-    from labpipe.workflow.store import Store
-    from pipelines.session._results import open_session
+def _audit(folder: Path) -> Audit:
+    """Judge every experiment of a session, and the session as a whole.
 
-    if not (folder / FILE_NAME).is_file():
-        return [], [], False
-    damaged = Store(folder / "labpipe").check()
-    try:
-        problems = [line for lines in open_session(folder).waiting.values() for line in lines]
-    except LabpipeError as error:
-        return str(error).splitlines(), damaged, False
-    return problems, damaged, not damaged
+    Results that the verdicts need are processed first. Findings that one change would mend are one row. The engine is
+    loaded here, as the installation may lack it.
+    """
+    from labpipe.judging import Finding
+    from labpipe.workflow.session import FILE_NAME
+    from pipelines.experiments import JUDGEMENT, KINDS
+    from pipelines.session._processing import process
+    from pipelines.session._results import open_session
+    from pipelines.session._session_checks import SESSION_CHECKS, stated_as_exact, unused_files
+    from pipelines.session._verdicts import WAITING, verdicts_of
+
+    session, targets = open_session(folder), []
+    for e in session.experiments.values():
+        stages = [stage.name for stage in KINDS[e.kind].stages]
+        targets += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
+    found, checks = [("", finding) for finding in unused_files(session)], SESSION_CHECKS
+    if targets:
+        run = process(folder, targets)
+        session = run.session
+        # the lines that experiments wait for are among the problems of session.toml
+        verdicts = [v for v in verdicts_of(run).experiments if v.state != WAITING]
+        checks += sum(v.checks for v in verdicts)
+        found += [(v.experiment, finding) for v in verdicts for finding in v.findings]
+        judged = {v.experiment for v in verdicts if v.findings}
+        for outcome in run.failures:  # in experiments whose kind makes no verdict
+            if (name := outcome.task.experiment) not in judged:
+                about = (f"step {outcome.task.stage}", "impossible", f"step {outcome.task.stage}: {outcome.message}")
+                line = session.experiments[name].lines.get("")
+                found.append((name, Finding(*about, file=FILE_NAME, line=line)))  # type: ignore[arg-type]
+    alike: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
+    for name, finding in found:
+        alike.setdefault((finding.file, finding.line, finding.cause or finding.message), []).append((name, finding))
+    rows = []
+    for pairs in alike.values():
+        worst = max((f for _, f in pairs), key=lambda f: _WEIGHT[f.level])
+        names = tuple(dict.fromkeys(name for name, _ in pairs if name))
+        titles = tuple(dict.fromkeys(f.check for _, f in pairs))
+        place = (worst.file, worst.line, worst.value, worst.place)
+        rows.append(Trouble(worst.level, names, titles, worst.message, worst.cause, *place))
+    rows.sort(key=lambda t: (-_WEIGHT[t.level], -len(t.experiments), -len(t.checks)))
+    return Audit(tuple(rows), checks, stated_as_exact(session))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import tempfile
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 from labpipe import files
@@ -40,7 +40,7 @@ def work_folder(session: str | Path, out: str | Path) -> Path:
     SourceError
         The session holds no ``session.toml``.
     UsageError
-        The folder lies in the session, or holds the work on another session.
+        The folder is in the session, or holds the work on another session.
 
     Examples
     --------
@@ -103,22 +103,17 @@ def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = 
     stages = [s for kind in {one.kind for one in session.experiments.values()} for s in STAGES[kind]]
     whole = {s.name for s in stages if s.output == "dataset"} - {s.name for s in stages if s.per != "experiment"}
 
-    def contents(tables: Path) -> Iterator[tuple[str, bytes]]:
-        yield FILE_NAME, session.path(FILE_NAME).read_bytes()
-        records = dict.fromkeys(one.name for one in named_files(session) if one.name.endswith(".toml"))
-        for record in (one for one in records if session.path(one).is_file()):  # one may lie above the session
-            inside = "/".join(part for part in Path(record).parts if part != "..")
-            yield inside, session.path(record).read_bytes()
-        yield from ((f"labpipe/{p.relative_to(session.folder).as_posix()}", p.read_bytes()) for p in pages)
-        written = export(folder, "xlsx", out=tables).paths
-        written += export(folder, "csv", stages=whole, out=tables, decimal=decimal).paths
-        yield from ((f"results/{p.name}", p.read_bytes()) for p in written)
-
+    held = {FILE_NAME: session.path(FILE_NAME)}
+    for record in dict.fromkeys(one.name for one in named_files(session) if one.name.endswith(".toml")):
+        if session.path(record).is_file():  # one may lie above the session
+            held["/".join(part for part in Path(record).parts if part != "..")] = session.path(record)
+    held |= {f"labpipe/{page.relative_to(session.folder).as_posix()}": page for page in pages}
+    stream = io.BytesIO()
+    with tempfile.TemporaryDirectory() as place, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        written = export(folder, "xlsx", out=place).paths
+        written += export(folder, "csv", stages=whole, out=place, decimal=decimal).paths
+        for inside, source in (held | {f"results/{p.name}": p for p in written}).items():
+            archive.writestr(zipfile.ZipInfo(f"{name}/{inside}", _DAY), source.read_bytes(), zipfile.ZIP_DEFLATED)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as place:
-        made = Path(place) / "bundle.zip"
-        with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
-            for inside, data in contents(Path(place) / "results"):
-                archive.writestr(zipfile.ZipInfo(f"{name}/{inside}", _DAY), data, zipfile.ZIP_DEFLATED)
-        files.write_bytes(path, made.read_bytes())
+    files.write_bytes(path, stream.getvalue())
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,16 +21,17 @@ from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
 from pipelines.session._recognition import instrument_of
 from pipelines.session._results import STAGES, derive, needed, reopen_session
-from pipelines.session._verdicts import Verdict, told_verdicts
+from pipelines.session._verdicts import told_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
 
-TABLES = ("xlsx", "tex")
-"""One table of the whole session."""
-CODES = ("abaqus", "ansys", "comsol", "lsdyna", "json")
-"""Materials as input of simulation codes; json has the results of all steps beside them."""
-FORMATS = ("csv", "nc", "mat", "json", *TABLES, *CODES[:-1])
+_PARTS = {
+    "csv": ("table", "results"), "nc": ("results",), "mat": ("results",), "json": ("materials", "results"),
+    "xlsx": ("table",), "tex": ("table",),
+} | dict.fromkeys(("abaqus", "ansys", "comsol", "lsdyna"), ("materials",))  # fmt: skip
+"""What an export of a session holds: results of the steps, one table of its quantities, materials for simulation."""
+FORMATS = tuple(_PARTS)
 FOLDER = "export"
 """Below ``SESSION/labpipe``: files in it may be replaced."""
 _SYNTHETIC = "yes: made by a virtual rig, not measured"
@@ -155,17 +156,18 @@ def export(
     # one name is a list of one, not of its letters
     names, experiments = ((given,) if isinstance(given, str) else tuple(given) for given in (stages, only or ()))
     results = Results(make_plan(session, STAGES, names or None, experiments or None, keep=None))
-    if format in TABLES and names:
+    parts = _PARTS[format]
+    if parts == ("table",) and names:
         raise UsageError(f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json")
-    if format in CODES and not names:
+    if "materials" in parts and not ("results" in parts and names):
         _export_materials(results, experiments, writer, bulk)
-        if format != "json" and not writer.paths:
+        if "results" not in parts and not writer.paths:
             reasons = "; ".join(writer.left_out) or "no experiment makes one, as a master curve does"
             raise InputError(f"{place}: there is no material to write: {reasons}")
-    if format in ("csv", "nc", "mat", "json"):
+    if "results" in parts:
         writer.left_out.clear()  # those of the results say more
         export_results(results, names, experiments, writer)
-    if format in TABLES or (format == "csv" and not names):
+    if "table" in parts and not names:
         export_table(results, experiments, writer)
         writer.paths.insert(0, writer.paths.pop())
     return Exported(tuple(writer.paths), tuple(writer.left_out))
@@ -179,8 +181,8 @@ def _export_file(path: Path, writer: Writer, options: dict[str, Any]) -> None:
     import instruments
     from labpipe.workflow.provenance import program
 
-    if writer.format in (*TABLES, *CODES[:-1]):
-        word = "is a table" if writer.format in TABLES else "writes the materials"
+    if "results" not in _PARTS[writer.format]:
+        word = "is a table" if "table" in _PARTS[writer.format] else "writes the materials"
         message = f"{writer.format} {word} of a whole session, and {path} is a file; expected csv, nc, mat or json"
         raise UsageError(message)
     frames: Any = instruments.read(path, **options)
@@ -202,6 +204,10 @@ def _export_file(path: Path, writer: Writer, options: dict[str, Any]) -> None:
 
 def export_results(results: Results, stages: Sequence[str], experiments: Sequence[str], writer: Writer) -> None:
     """Write the stored results of a session that are up to date, of some stages and experiments or of all."""
+    import numpy as np
+
+    from labpipe.judging import FLAGS
+
     plan, session = results.plan, results.plan.session
     rows = [r for r in plan.rows if plan.tasks[r.task].stage.output == "dataset"]
     rows = [r for r in rows if r.stage in (stages or (r.stage,)) and r.experiment in (experiments or (r.experiment,))]
@@ -222,43 +228,28 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
         remarks |= {"excluded": text} if (text := "; ".join(map(str, exclusions(settings)))) else {}
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         if writer.format == "nc":
-            dataset = dataset.assign(quality_flag=_flag(verdicts.get(row.experiment)))
+            # the verdict as a flag of the CF conventions, with QARTOD's numbers
+            word = verdicts[row.experiment].believable if row.experiment in verdicts else "unknown"
+            values = np.array(list(FLAGS.values()), np.int8)
+            attrs = {"standard_name": "quality_flag", "flag_values": values, "flag_meanings": " ".join(FLAGS)}
+            about = described("1", "whether the record can be believed", **attrs)
+            dataset = dataset.assign(quality_flag=((), np.int8(FLAGS[word]), about))
         parts = [row.experiment, row.stage]
         if row.recording is not None:
             parts.append(re.sub(r"[^\w.-]+", "_", Path(row.recording).with_suffix("").as_posix()))
         writer.write_dataset(".".join(parts), dataset, remarks)
 
 
-def _flag(verdict: Verdict | None) -> xr.Variable:
-    """Return the verdict on an experiment as a flag of the CF conventions, with QARTOD's numbers.
-
-    Unknown where the experiment was not judged, or not by its present results.
-    """
-    import numpy as np
-    import xarray as xr
-
-    from labpipe.judging import FLAGS
-
-    attrs = {
-        "long_name": "whether the record can be believed",
-        "standard_name": "quality_flag",
-        "units": "1",
-        "flag_values": np.array(list(FLAGS.values()), np.int8),
-        "flag_meanings": " ".join(FLAGS),
-    }
-    return xr.Variable((), np.int8(FLAGS["unknown" if verdict is None else verdict.believable]), attrs)
-
-
 def export_table(results: Results, experiments: Sequence[str], writer: Writer) -> None:
     """Write one table of the quantities of some experiments, or of all, as ``xlsx``, ``tex`` or ``csv``."""
     from labpipe.workflow.provenance import program
-    from pipelines.session import _summary_table as summary
+    from pipelines.session import _export_formats as formats
 
     session = results.plan.session
-    found = summary.lines(results, experiments)
-    if not found:
+    rows = formats.rows_of(results, experiments)
+    if not rows:
         raise InputError(f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}")
-    named = {line.row.experiment for line in found}
+    named = {row.experiment for row in rows}
     absent = [name for name in experiments or session.experiments if name not in named]
     writer.left_out = writer.left_out or [f"{name}: no quantity is up to date" for name in absent]
     remarks = {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
@@ -268,12 +259,13 @@ def export_table(results: Results, experiments: Sequence[str], writer: Writer) -
         notes = [f"{one.on} {one.who}: {one.text}" for one in getattr(settings, "notes", ())]
         for title, texts in (("excluded", list(map(str, exclusions(settings)))), ("notes", notes)):
             remarks |= {f"{name}, {title}": "; ".join(texts)} if texts else {}
-    if writer.format == "xlsx":
-        writer.write("quantities.xlsx", summary.xlsx_bytes(found, remarks))
-    else:
-        is_tex = writer.format == "tex"
-        text = summary.tex_text(found, remarks) if is_tex else summary.table_csv(found, remarks, writer.decimal)
-        writer.write(f"quantities.{writer.format}", text)
+    table = formats.frame(results, rows)
+    made: dict[str, Callable[[], str | bytes]] = {
+        "xlsx": lambda: formats.xlsx_bytes(table, remarks),
+        "tex": lambda: formats.tex_text(rows, table, remarks),
+        "csv": lambda: formats.csv_text(table, remarks, decimal=writer.decimal),
+    }
+    writer.write(f"quantities.{writer.format}", made[writer.format]())
 
 
 def _export_materials(results: Results, experiments: Sequence[str], writer: Writer, bulk: str | None) -> None:

@@ -1,4 +1,4 @@
-"""Datasets as netCDF of the CF conventions, and as tables of text, JSON and MATLAB files.
+"""Datasets as netCDF of the CF conventions, as tables of text, JSON and MATLAB files; one table of all quantities.
 
 Every format keeps units, long names and the provenance, and none a time of day: two exports of one
 result are equal byte for byte.
@@ -16,6 +16,12 @@ import pandas as pd
 import xarray as xr
 
 from labpipe.installation import __version__
+from labpipe.report import number
+from labpipe.workflow.results import Results
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.session._comparison import compared, labelled, sides
+from pipelines.session._verdicts import told_verdicts
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
@@ -80,36 +86,31 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str], decimal: str = "
         columns = dict(zip(dims, np.meshgrid(*along, indexing="ij"), strict=True))
         columns |= {name: dataset[name].values for name in names}
         units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in columns]
-        made["-".join(dims) or "values"] = csv_text(columns, remarks, units, decimal)
+        table = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
+        made["-".join(dims) or "values"] = csv_text(table, remarks, units, decimal)
     return made
 
 
-def csv_text(
-    columns: Mapping[str, Any], remarks: Mapping[str, str], units: Iterable[str] = (), decimal: str = "."
-) -> str:
-    """Write columns as csv below remarks; no text is one that a spreadsheet takes for a formula.
+def csv_text(table: pd.DataFrame, remarks: Mapping[str, str], units: Iterable[str] = (), decimal: str = ".") -> str:
+    """Write a table as csv below remarks; no text is one that a spreadsheet takes for a formula.
 
     With a decimal comma, semicolons separate the columns.
 
     Examples
     --------
-    >>> print(csv_text({"x": [0.5, 2.0]}, {}, ["m"], ","), end="")
+    >>> print(csv_text(pd.DataFrame({"x": [0.5, 2.0]}), {}, ["m"], ","), end="")
     x
     m
     0,5
     2,0
     """
-    frame = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
-    for name in frame.columns:
-        if frame[name].dtype.kind == "b":
-            frame[name] = frame[name].astype(int)
-        elif frame[name].dtype.kind not in "fiu":
-            frame[name] = [safe_text(value) if isinstance(value, str) else value for value in frame[name]]
-            if decimal == ",":  # pandas writes numbers of mixed columns with a point
-                frame[name] = [
-                    str(v).replace(".", ",") if isinstance(v, float) and not math.isnan(v) else v for v in frame[name]
-                ]
-    top = pd.DataFrame([list(map(safe_text, row)) for row in (columns, units) if row])
+    frame = table.copy()
+    for name, column in table.items():
+        if column.dtype.kind == "b":
+            frame[name] = column.astype(int)
+        elif column.dtype.kind not in "fiu":
+            frame[name] = column.map(lambda value: safe_text(value) if isinstance(value, str) else value)
+    top = pd.DataFrame([list(map(safe_text, row)) for row in (map(str, table.columns), units) if row])
     head = "".join(f"# {key}: {_HIDDEN.sub(_APART, one_line(value))}\n" for key, value in remarks.items())
     absent = "nan" if units else ""
     style: dict[str, Any] = {"index": False, "header": False, "sep": ";" if decimal == "," else ","}
@@ -168,3 +169,91 @@ def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     # by default the time of day is in the free text that begins the file
     head = b"MATLAB 5.0 MAT-file, written by labpipe".ljust(_MATLAB_HEAD)
     return head + stream.getvalue()[_MATLAB_HEAD:]
+
+
+# --- one table of a session, for a thesis ---
+
+_FIELDS = {
+    "experiment": "experiment", "kind": "kind", "material": "material", "condition": "condition",
+    "quantity": "quantity", "unit": "unit", "value": "measured", "u": "u_measured", "n": "n",
+    "compared with": "against", "expected": "model", "u of expected": "u_model", "difference": "difference",
+    "u of difference": "u_difference", "deviation in u": "deviation", "p": "p", "nRMSE": "nrmse",
+}  # fmt: skip
+"""Headings, and the fields of a row below them; values are in SI, ``u`` is a standard uncertainty."""
+
+_LATEX = str.maketrans(
+    {c: f"\\{c}" for c in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$",
+       "×": r"$\times$", "−": "$-$", "°": r"$^\circ$", "µ": r"$\mu$", "·": r"$\cdot$", "δ": r"$\delta$", "′": "$'$",
+       "″": "$''$", "\N{NO-BREAK SPACE}": "~", "\N{EN DASH}": "--", "\N{EM DASH}": "---"}
+    | {power: f"$^{{{digit}}}$" for power, digit in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)}
+)  # fmt: skip
+
+
+def rows_of(results: Results, experiments: Iterable[str] = ()) -> list[Row]:
+    """Gather the quantities of some experiments, or of all, whose results are up to date.
+
+    A key number that is compared with nothing has an empty ``against``.
+    """
+    wanted = set(experiments) or set(results.experiments)
+    found: list[Row] = []
+    for name, experiment in results.experiments.items():
+        if name not in wanted:
+            continue
+        own = compared(results, name) or []
+        known = {r.measured for r in own}  # a key number may be one of those that are compared
+        found += own
+        for key in KINDS[experiment.kind].key_numbers:
+            dataset = results.first(name, key.stage)
+            if dataset is not None and (value := key.within(dataset)) is not None and value[0] not in known:
+                pair = (value[0], math.nan if value[1] is None else value[1])
+                one = row(key.title, key.unit, 1, against="", measured=pair)
+                found.append(labelled(one, experiment, results.plan.session))
+    return found
+
+
+def frame(results: Results, rows: Iterable[Row]) -> pd.DataFrame:
+    """Return one line for each quantity, in SI, with the verdict on its experiment; texts are on one line."""
+    verdicts = told_verdicts(results.folder)
+    cells = [
+        {title: getattr(r, name) for title, name in _FIELDS.items()}
+        | ({n: getattr(verdicts[r.experiment], n) for n in ("believable", "model")} if r.experiment in verdicts else {})
+        for r in rows
+    ]
+    table = pd.DataFrame(cells, columns=[*_FIELDS, "believable", "model"]).fillna({"believable": "", "model": ""})
+    return table.map(lambda value: one_line(value) if isinstance(value, str) else value)
+
+
+def tex_text(rows: Iterable[Row], table: pd.DataFrame, remarks: Mapping[str, str]) -> str:
+    r"""Write the table for LaTeX; it wants ``\usepackage{booktabs}`` and nothing else.
+
+    Each number is rounded to two digits of its uncertainty and has the prefix that its size asks
+    for. Curves give their nRMSE.
+    """
+    body = []
+    for r, believable, model in zip(rows, table["believable"], table["model"], strict=True):
+        measured, expected, unit = sides(r)
+        deviation = "" if r.deviation is None else f"{number(r.deviation, 2)} u"
+        if r.nrmse is not None:
+            unit, deviation = "", f"nRMSE {number(100 * r.nrmse, 2)} %"
+        verdict = ", model ".join(part for part in (believable, model) if part and part != "none")
+        quantity = ", ".join(part for part in (r.quantity, r.condition) if part)
+        body.append((r.experiment, quantity, unit, measured, expected, deviation, verdict))
+    head = ("experiment", "quantity", "unit", "measured", "expected", "deviation", "verdict")
+    above = "".join(f"% {key}: {one_line(value)}\n" for key, value in remarks.items())
+    titles, *lines = (
+        " & ".join(one_line(cell).translate(_LATEX) for cell in cells) + r" \\" + "\n" for cells in (head, *body)
+    )
+    begin, middle = "\\begin{tabular}{lllllll}\n\\toprule\n", "\\midrule\n"
+    return f"{above}{begin}{titles}{middle}{''.join(lines)}\\bottomrule\n\\end{{tabular}}\n"
+
+
+def xlsx_bytes(table: pd.DataFrame, remarks: Mapping[str, str]) -> bytes:
+    """Write a workbook: the table, and a sheet about itself; texts stay texts, those that begin like a formula too."""
+    stream = io.BytesIO()
+    with pd.ExcelWriter(stream, engine="openpyxl") as book:
+        table.to_excel(book, sheet_name="quantities", index=False, freeze_panes=(1, 1))
+        pd.DataFrame(remarks.items()).map(one_line).to_excel(book, sheet_name="about", index=False, header=False)
+        for cell in (cell for sheet in book.sheets.values() for row in sheet.iter_rows() for cell in row):
+            cell.data_type = "s" if cell.data_type == "f" else cell.data_type
+    return stream.getvalue()

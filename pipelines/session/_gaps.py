@@ -89,7 +89,7 @@ def checked(gap: Gap, answer: str) -> str:
     Raises
     ------
     InputError
-        The answer does not fit; the message says what would.
+        The answer does not fit; the message says which would.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def in_unit(answer: str, unit: str) -> str:
 def filled(texts: Mapping[str, str], ask: Callable[[Gap], str | None]) -> dict[str, str]:
     """Ask for every gap of session.toml and its records, by file, and write the answers; None leaves a gap open.
 
-    Materials are asked for first: what belongs to a specimen, as its radius, is one question for all experiments of
+    Materials are asked for first: a value of a specimen, as its radius, is one question for all experiments of
     one material. A value of a calibration record is named by its file.
     """
     lines = {name: text.splitlines(keepends=True) for name, text in texts.items()}
@@ -168,16 +168,12 @@ def filled(texts: Mapping[str, str], ask: Callable[[Gap], str | None]) -> dict[s
         for name, one in alike:
             left.remove((name, one))
             if answer is not None:
-                lines[name][one.line - 1] = _answered(lines[name][one.line - 1], one, answer)
+                old = f'"{GAP} {one.unit}"' if one.unit else f'"{GAP}"'
+                # A day is a value of its own in TOML; everything else is a text.
+                new = lines[name][one.line - 1].replace(old, answer if one.key in _DAYS else f'"{answer}"', 1)
+                is_none = answer == NONE and one.may_be_left_out
+                lines[name][one.line - 1] = f"# {one.key}: there is none\n" if is_none else new
     return {name: "".join(of_file) for name, of_file in lines.items()}
-
-
-def _answered(line: str, gap: Gap, answer: str) -> str:
-    if answer == NONE and gap.may_be_left_out:
-        return f"# {gap.key}: there is none\n"
-    old = f'"{GAP} {gap.unit}"' if gap.unit else f'"{GAP}"'
-    # A day is a value of its own in TOML; everything else is a text.
-    return line.replace(old, answer if gap.key in _DAYS else f'"{answer}"', 1)
 
 
 def _specimen(lines: Sequence[str], gap: Gap) -> str:

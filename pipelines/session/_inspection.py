@@ -19,11 +19,10 @@ from labpipe.errors import ConfigError, InputError, LabpipeError, SourceError, S
 from labpipe.files import files_below, read_dataset, write_bytes
 from labpipe.notebook import html_table
 from labpipe.workflow.session import FILE_NAME
-from pipelines.session._recognition import wholes
+from pipelines.session._recognition import alike_unknown, instrument_of, recognise
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from instruments import Options
     from labpipe.frames import FrameSource
@@ -33,7 +32,6 @@ _KNOWN = (
     "averaging", "layout", "encoding", "delimiter", "decimal",
 )  # fmt: skip
 _SHOWN = 60  # characters of an unknown file
-_OWN = (".toml", ".nc", ".png")
 _MOST = 2000  # files of a folder, of which each is one line
 _QUICK = 16 << 20
 """Bytes of a file that is read whole for one line; a larger film is only opened."""
@@ -80,24 +78,24 @@ def _span(row: dict[str, Any]) -> str:
 def inspect(
     file: str | Path, *, out: str | Path | None = None, instrument: str | None = None, **options: Unpack[Options]
 ) -> Inspected:
-    """Say what any file is, what it holds, and what is wrong with it.
+    """Describe any file: its type, its content, and its problems.
 
     Parameters
     ----------
     file : path-like
         Readings, a film or the folder of an image stack, a calibration record, session.toml, a
-        result, a picture; or a folder of such files, of which each is told in a line.
+        result, a picture; or a folder of such files, each of which gets a line.
     out : path-like, optional
         Draw it into this .png: frames of a film, columns of a table.
     instrument : str, optional
-        What wrote the file, where it does not say so.
+        The instrument that wrote the file, where it does not say so.
     **options
-        What the file leaves unsaid, as for :func:`instruments.read`: ``cycle="50 us"``.
+        Values that the file leaves unsaid, as for :func:`instruments.read`: ``cycle="50 us"``.
 
     Returns
     -------
     Inspected
-        A mapping: ``file``, ``reader``, ``kind``, what there is to say of that kind, and
+        A mapping: ``file``, ``reader``, ``kind``, the properties of that kind, and
         ``problems``. A table's columns are in ``variables``.
 
     Raises
@@ -126,15 +124,32 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
     Its ``kind`` is ``table``, ``film``, ``record``, ``session``, ``result``, ``picture`` or ``folder``. A
     table's columns are in ``variables``: name, long name, unit, range, and number of invalid readings.
     """
+    from pipelines.session._results import open_session
+
     suffix = file.suffix.lower()
     if options or not (file.is_file() or file.is_dir()):  # of an instrument; a pipe is refused
         found = _instrument(file, options or {})
+    elif file.name == FILE_NAME:
+        found = {"reader": "labpipe", "kind": "session"}
+        try:
+            session = open_session(file.parent)
+            found |= {"title": session.title, "operator": session.operator, "synthetic": session.synthetic}
+            found["experiments"] = ", ".join(f"{e.name} ({e.kind})" for e in session.experiments.values())
+        except ConfigError as error:
+            found["problems"] = list(error.problems)
     elif suffix == ".toml":
-        found = _session(file) if file.name == FILE_NAME else _record(file)
+        found = _record(file)
     elif suffix == ".nc":
         found = {"reader": "labpipe", "kind": "result"} | table(read_dataset(file))
     elif suffix == ".png" and not file.is_dir():
-        found = {"reader": "image", "kind": "picture"} | _picture(file)
+        import cv2
+
+        image = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
+        if image is None:
+            raise SourceError(file, "is no whole picture; it cannot be decoded", hint="Copy or save it again.")
+        found = {"reader": "image", "kind": "picture", "image": f"{image.shape[1]} × {image.shape[0]} px"}
+        found |= {"channels": 1 if image.ndim == 2 else image.shape[2], "depth": f"{image.dtype.itemsize * 8} bit"}
+        found["levels"] = f"{int(image.min())} … {int(image.max())} seen"
     else:
         found = _instrument(file, {})
     size = sum(part.stat().st_size for part in (files_below(file) if file.is_dir() else [file]))
@@ -151,7 +166,12 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     except SourceError as error:
         if file.is_dir() and (found := _folder(file)):
             return found
-        raise _with_a_look(file, error) from None
+        if not file.is_file():
+            raise
+        with file.open("rb") as stream:
+            head = stream.read(_SHOWN)
+        look = f"It is {file.stat().st_size} bytes that begin with {head!r}."
+        raise SourceError(file, error.message, hint=f"{look} {error.hint or ''}".strip()) from None
     untimed = name == "image_stack" and not options.get("fps")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -167,65 +187,49 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
 
 def _folder(folder: Path) -> dict[str, Any]:
     """List the files in a folder, and in those within it, a line each; {} where none of them is known."""
-
-    def is_given(path: Path) -> bool:
-        """Whether a file is neither hidden, nor part of a film, nor a result of a session."""
-        parts = path.relative_to(folder).parts
-        is_result = parts[0] == "labpipe" and (folder / FILE_NAME).is_file()
-        return not (is_result or path.parent in stacks or any(part.startswith((".", "~$")) for part in parts))
-
+    found = recognise(folder)
     rows: list[dict[str, str]] = []
     problems: dict[str, list[str]] = {}
-    unknown: dict[tuple[Path, str], list[dict[str, str]]] = {}
-    stacks = list(wholes(folder))  # each one film
-    paths = sorted([*stacks, *filter(is_given, files_below(folder))])
-    for part in paths[:_MOST]:
-        name = part.relative_to(folder).as_posix()
-        row = {"file": name, "reader": "", "holds": "not known"}
-        try:
-            row |= {"reader": instruments.identify(part), "holds": "cannot be read"}
-        except SourceError:
-            if part.suffix not in _OWN:
-                unknown.setdefault((part.parent, part.suffix), []).append(row)
-                continue
-        try:
-            said, of_part = _briefly(part, row["reader"])
-            row |= said
-            for problem in of_part:
-                problems.setdefault(problem, []).append(name)
-        except (LabpipeError, OSError) as error:
-            at = Path(getattr(error, "path", part))
-            inside = at.relative_to(folder).as_posix() if at.is_relative_to(folder) else name
-            problems.setdefault(getattr(error, "message", "") or str(error), []).append(inside)
-        rows.append(row)
-    if len(paths) > _MOST:
-        problems[f"{len(paths) - _MOST} more files are not shown: name a folder within this one"] = []
-    if not any(row["reader"] for row in rows):
+    for name in sorted(found.owners)[:_MOST]:
+        row, of_file = _briefly(folder / name)
+        rows.append({"file": name} | row)
+        for problem, path in of_file.items():
+            problems.setdefault(problem, []).append(path.relative_to(folder).as_posix())
+    for (*_, why), (first, *more) in alike_unknown(found).items():
+        others = f" and {len(more)} more beside it" if more else ""
+        rows.append({"file": f"{first}{others}", "reader": "", "holds": why})
+    if not found.owners:
         return {}
-    for first, *more in unknown.values():  # as a program leaves them that numbers its files
-        rows.append(first | ({"file": f"{first['file']} and {len(more)} more beside it"} if more else {}))
+    if len(found.owners) > _MOST:
+        problems[f"{len(found.owners) - _MOST} more files are not shown: name a folder within this one"] = []
     rows.sort(key=lambda row: row["file"])
     lines = [f"{', '.join(names)}: {text}" if names else text for text, names in problems.items()]
     return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines}
 
 
-def _briefly(file: Path, name: str) -> tuple[dict[str, str], list[str]]:
-    """Return the reader of a file with a line on its content, and its problems; a large film is only opened."""
-    if file.stat().st_size > _QUICK and file.suffix not in _OWN:
-        caught: list[warnings.WarningMessage] = []
-        if instruments.by_name(name).content == "film":
-            rate: Any = {"fps": 1.0} if name == "image_stack" else {}
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                instruments.read(file, instrument=name, **rate)
-        return {"reader": name, "holds": f"{file.stat().st_size >> 20} MB"}, _said(caught)
-    found = describe(file)
+def _briefly(file: Path) -> tuple[dict[str, str], dict[str, Path]]:
+    """Return the reader of a file with a line on its content, and its problems with their file.
+
+    A large film is only opened.
+    """
+    name = instrument_of(file) or "calibration"
+    try:
+        if (size := file.stat().st_size) > _QUICK and file.is_file():
+            is_film = instruments.by_name(name).content == "film"
+            with warnings.catch_warnings(record=True, action="always") as caught:
+                _ = instruments.read(file, instrument=name) if is_film else None
+            return {"reader": name, "holds": f"{size >> 20} MB"}, dict.fromkeys(_said(caught), file)
+        found = describe(file)
+    except (LabpipeError, OSError) as error:
+        path = Path(getattr(error, "path", file))
+        place = path if path.is_relative_to(file) else file  # an image of a film
+        return {"reader": name, "holds": "cannot be read"}, {getattr(error, "message", "") or str(error): place}
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
     said += [f"{_span(spans[n])} {unit}" for n, unit in (("temperature", "°C"), ("frequency", "Hz")) if n in spans]
     if count := len(found["problems"]):
         said.append(f"{count} problem{'s' * (count > 1)}")
-    return {"reader": found["reader"], "holds": ", ".join(said)}, found["problems"]
+    return {"reader": found["reader"], "holds": ", ".join(said)}, dict.fromkeys(found["problems"], file)
 
 
 def _said(caught: list[warnings.WarningMessage]) -> list[str]:
@@ -233,46 +237,36 @@ def _said(caught: list[warnings.WarningMessage]) -> list[str]:
     return [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
 
 
-def _with_a_look(file: Path, error: SourceError) -> SourceError:
-    """Add the beginning of a file that no instrument recognises."""
-    from instruments import HEAD_BYTES
-
-    if not file.is_file():
-        return error
-    with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
-    try:
-        text = head.decode("utf-8", "strict" if len(head) < HEAD_BYTES else "ignore")
-    except UnicodeDecodeError:
-        text = ""
-    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
-    if line.isprintable() and line:
-        seen = f'text that begins with "{line[:_SHOWN]}"'
-    else:
-        seen = f"{file.stat().st_size} bytes that begin with {head[:8]!r}" if head else "empty"
-    hint = f"It is {seen}. {error.hint}" if error.hint else f"It is {seen}."
-    return SourceError(file, error.message, hint=hint)
-
-
 def table(dataset: xr.Dataset) -> dict[str, Any]:
     """Describe readings: header, sampling, and every column with unit and range."""
-    columns = [_column(str(name), variable) for name, variable in dataset.variables.items() if variable.size]
+    columns: list[dict[str, Any]] = []
+    for name, variable in dataset.variables.items():
+        row: dict[str, Any] = {"name": str(name)} | {k: str(variable.attrs.get(k, "")) for k in ("long_name", "units")}
+        row |= {"min": None, "max": None, "invalid": 0}
+        if variable.dtype.kind not in "fiub":
+            row["values"] = sorted({str(v) for v in variable.values.ravel().tolist()})[:8]
+        elif variable.size:
+            values = np.asarray(variable.values, float)
+            finite = values[np.isfinite(values)]
+            row["invalid"] = int(values.size - finite.size)
+            row |= {"min": float(finite.min()), "max": float(finite.max())} if finite.size else {}
+        columns += [row] if variable.size else []
     known = {k: dataset.attrs[k] for k in _KNOWN if dataset.attrs.get(k) not in (None, "")}
     sampling, problems = _sampling(dataset)
     sizes = ", ".join(f"{k} {v}" for k, v in dataset.sizes.items())
-    problems += _reading_problems(dataset, columns)
+    states = json.loads(dataset.attrs.get("status_counts", "{}"))
+    ends = np.cumsum([part["rows"] for part in json.loads(dataset.attrs.get("tests", "[]"))])[:-1].astype(int)
+    longest = max(dataset.sizes.values(), default=0)
+    for row in (row for row in columns if row["invalid"] and dataset[row["name"]].size == longest):  # no header
+        lost = np.split(np.isnan(dataset[row["name"]].values), ends)
+        if any(part.any() and not part.all() for part in lost):  # tables in the file may lack a column
+            states_of = states.get(row["name"].replace("out", "status"), {})
+            why = ", ".join(f"{n} {s}" for s, n in states_of.items() if s != "VALID")
+            text = f"{row['name']}: {row['invalid']} of {longest} readings are invalid"
+            problems.append(text + (f" ({why})" if why else ""))
+    if dataset.attrs.get("incomplete"):
+        problems.append("the file is incomplete: it ends before its end mark")
     return {**known, "sizes": sizes, **sampling, "variables": columns, "problems": problems}
-
-
-def _column(name: str, variable: xr.Variable) -> dict[str, Any]:
-    long_name, units = (str(variable.attrs.get(key, "")) for key in ("long_name", "units"))
-    row: dict[str, Any] = {"name": name, "long_name": long_name, "units": units, "min": None, "max": None, "invalid": 0}
-    if variable.dtype.kind not in "fiub":
-        return row | {"values": sorted({str(v) for v in variable.values.ravel().tolist()})[:8]}
-    values = np.asarray(variable.values, float)
-    finite = values[np.isfinite(values)]
-    row["invalid"] = int(values.size - finite.size)
-    return row | ({"min": float(finite.min()), "max": float(finite.max())} if finite.size else {})
 
 
 def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
@@ -300,27 +294,6 @@ def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
         worst = float(forward.max())
         problems.append(f"{uneven} of {len(forward)} steps in time are uneven, up to {worst:.4g} s")
     return found, problems
-
-
-def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> list[str]:
-    """Count invalid readings by column; tables in the file that lack a column are left out."""
-    found = []
-    states = json.loads(dataset.attrs.get("status_counts", "{}"))
-    ends = np.cumsum([part["rows"] for part in json.loads(dataset.attrs.get("tests", "[]"))])[:-1].astype(int)
-    longest = max(dataset.sizes.values(), default=0)
-    for row in columns:
-        size = dataset[row["name"]].size
-        if not row["invalid"] or size < longest:  # a header may leave a value out
-            continue
-        lost = np.split(np.isnan(dataset[row["name"]].values), ends)
-        if not any(part.any() and not part.all() for part in lost):
-            continue
-        states_of = states.get(row["name"].replace("out", "status"), {})
-        why = ", ".join(f"{n} {s}" for s, n in states_of.items() if s != "VALID")
-        found.append(f"{row['name']}: {row['invalid']} of {size} readings are invalid" + (f" ({why})" if why else ""))
-    if dataset.attrs.get("incomplete"):
-        found.append("the file is incomplete: it ends before its end mark")
-    return found
 
 
 def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
@@ -352,19 +325,6 @@ def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
     }
 
 
-def _session(file: Path) -> dict[str, Any]:
-    from pipelines.session._results import open_session
-
-    head: dict[str, Any] = {"reader": "labpipe", "kind": "session"}
-    try:
-        session = open_session(file.parent)
-    except ConfigError as error:
-        return head | {"problems": list(error.problems)}
-    experiments = ", ".join(f"{e.name} ({e.kind})" for e in session.experiments.values())
-    head |= {"title": session.title, "operator": session.operator, "synthetic": session.synthetic}
-    return head | {"experiments": experiments}
-
-
 def _record(file: Path) -> dict[str, Any]:
     """Describe a calibration record, or a material, whichever the file is."""
     from calibration import load_record
@@ -392,20 +352,7 @@ def _record(file: Path) -> dict[str, Any]:
     return head | {"of": record.kind} | stated | values
 
 
-def _picture(file: Path) -> dict[str, Any]:
-    import cv2
-
-    image = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise SourceError(file, "is no whole picture; it cannot be decoded", hint="Copy or save it again.")
-    rows, columns = image.shape[:2]
-    channels, depth = 1 if image.ndim == 2 else image.shape[2], f"{image.dtype.itemsize * 8} bit"
-    levels = f"{int(image.min())} … {int(image.max())} seen"
-    return {"image": f"{columns} × {rows} px", "channels": channels, "depth": depth, "levels": levels}
-
-
-_FRAMES, _WIDTH, _GAP = 8, 240, 6
-"""Pictures of the strip, the width of one and the gap between two, in pixels."""
+_FRAMES = 8  # of a film that are drawn
 _ACROSS = 9.0  # inches of a frame with its pixels
 _COLUMNS = 6  # of a table that are drawn; more would be too small to read
 
@@ -430,48 +377,31 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
 
 
 def _frames(film: FrameSource) -> Figure:
-    """Draw the first sound frame with its pixels along the sides, and below it some frames of the film."""
+    """Draw the first sound frame with its pixels along the sides, and below it frames evenly over the film.
+
+    Only those are read; a damaged one is left out.
+    """
     from matplotlib.figure import Figure
 
     sound = np.flatnonzero(film.valid)
     if not sound.size:
         raise InputError("no frame of the film can be decoded")
-    _, rows, columns = film.shape
-    below = strip(film)
-    high, low = _ACROSS * min(rows / columns, 1.0), _ACROSS * below.shape[0] / below.shape[1]
+    count, rows, columns = film.shape
+    chosen = np.unique(np.linspace(0, count - 1, min(_FRAMES, count)).round().astype(int)).tolist()
+    high, low = _ACROSS * min(rows / columns, 1.0), _ACROSS / len(chosen) * rows / columns
     figure = Figure(figsize=(_ACROSS + 1.0, high + low + 1.2), layout="constrained")
-    first, others = figure.subplots(2, 1, height_ratios=(high, low))
+    top, below = figure.subfigures(2, 1, height_ratios=(high + 1.0, low), squeeze=False)[:, 0]
     black, white = film.levels
+    first = top.subplots()
     first.imshow(film[int(sound[0])], cmap="gray", vmin=black, vmax=white, interpolation="nearest")
     first.set(xlabel="x / px", ylabel="y / px", title=f"frame {sound[0]}")
     first.minorticks_on()
     first.grid(color="tab:orange", linewidth=0.5, alpha=0.6)
-    others.imshow(below, cmap="gray", vmin=0, vmax=255)
-    others.set_axis_off()
+    for axes, index in zip(below.subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
+        axes.set_axis_off()
+        if film.valid[index]:  # a smaller picture is smoothed before, so that no pattern is invented
+            axes.imshow(film[index], cmap="gray", vmin=black, vmax=white)
     return figure
-
-
-def strip(frames: FrameSource, count: int = _FRAMES) -> NDArray[np.uint8]:
-    """Put some frames, evenly over the film, side by side; only those are read.
-
-    Black and white are the film's levels; a damaged frame is left grey.
-    """
-    import cv2
-
-    total, rows, columns = frames.shape
-    chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int))
-    height = max(1, round(rows * _WIDTH / columns))
-    sheet = np.full((height, len(chosen) * (_WIDTH + _GAP) - _GAP), 255, np.uint8)
-    black, white = frames.levels
-    for left, index in zip(range(0, sheet.shape[1], _WIDTH + _GAP), chosen.tolist(), strict=True):
-        tile = np.full((height, _WIDTH), 128, np.uint8)
-        if frames.valid[index]:
-            grey = (frames[index].astype(np.float32) - black) * (255.0 / max(white - black, 1e-9))
-            # Averaging over areas does not invent patterns when a frame is made smaller.
-            way = cv2.INTER_AREA if columns > _WIDTH else cv2.INTER_NEAREST
-            tile = np.clip(np.round(cv2.resize(grey, (_WIDTH, height), interpolation=way)), 0, 255).astype(np.uint8)
-        sheet[:, left : left + _WIDTH] = tile
-    return sheet
 
 
 def _curves(dataset: xr.Dataset) -> Figure:

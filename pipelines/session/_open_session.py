@@ -75,10 +75,8 @@ class OpenSession(ShownAsTable):
         """
         import instruments
 
-        session = self.session
-        if experiment not in session.experiments:
-            raise UsageError(f'no experiment "{experiment}"{suggest(experiment, list(session.experiments))}')
-        named = [one for one in named_files(session) if one.experiment == experiment]
+        name = self._named(experiment).name
+        named = [one for one in named_files(self.session) if one.experiment == name]
         return {one.name: instruments.read(one.path) for one in named if one.path.suffix != CONFIGURATION}
 
     def results(self, experiment: str | None = None) -> xr.DataTree:
@@ -124,12 +122,9 @@ class OpenSession(ShownAsTable):
         """
         import matplotlib.pyplot as plt
 
-        axis, scale = None, "linear"
+        kind, axis, scale = KINDS[self._named(experiment).kind], None, "linear"
         if stage is None:
-            if experiment not in self.experiments:
-                raise UsageError(f'no experiment "{experiment}"{suggest(experiment, list(self.experiments))}')
-            source = KINDS[self.experiments[experiment].kind].picture
-            if source is None:
+            if (source := kind.picture) is None:
                 raise UsageError(f"{experiment} has no main curve: name a stage and a variable")
             stage, variable, axis, scale = source.stage, source.y, source.x, source.scale
             node = self.results(experiment)
@@ -137,10 +132,8 @@ class OpenSession(ShownAsTable):
         found = self.result(experiment, stage, recording)
         if variable not in found:
             known = list(map(str, found.data_vars))
-            missing = (
-                f'{stage} has no variable "{variable}"{suggest(variable, known)}' if variable else "name a variable"
-            )
-            raise UsageError(f"{missing}; {stage} has {', '.join(known)}")
+            missing = f'no variable "{variable}"{suggest(variable, known)}' if variable else "variables to choose from"
+            raise UsageError(f"{stage} has {missing}: {', '.join(known)}")
         curve = found[variable] if axis is None else found.set_coords(axis)[variable]
         if curve.ndim != 1 and axis is None:
             raise InputError(f"{variable} is over {curve.dims}; choose one curve of it with result(...) and plot that")
@@ -152,6 +145,11 @@ class OpenSession(ShownAsTable):
             low, high = curve.values - _BAND * u.values, curve.values + _BAND * u.values
             axes.fill_between(line.get_xdata(), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)
         return axes
+
+    def _named(self, experiment: str) -> Experiment:
+        if experiment not in self.experiments:
+            raise UsageError(f'no experiment "{experiment}"{suggest(experiment, list(self.experiments))}')
+        return self.experiments[experiment]
 
     def _shown(self) -> Shown:
         return self.session._shown()

@@ -1,14 +1,14 @@
 """The page of a whole session: every experiment with its state, key numbers and a small picture."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.workflow.code import Identity, behind
+from labpipe.workflow.code import behind
 from labpipe.workflow.graph import Stages
 from labpipe.workflow.plan import KEPT, READY, Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.arrays import Floats
-    from labpipe.report import Block, Cell, IndexRow, LineChart, Notice, ScatterChart, Table
+    from labpipe.report import Block, Cell, IndexRow, LineChart, ScatterChart, Table
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -33,7 +33,6 @@ BESIDE, AND = "beside-", "--"
 """The beginning of the names of pages of two experiments, and the sign between these."""
 
 
-_FEW_KINDS = 3  # that share one table
 _REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
 _ERROR = (
@@ -58,7 +57,12 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     path = session.folder / PAGE
     code = behind(f"{__name__}:{_page.__name__}", "pipelines.experiments", is_page=True)
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
-    mark = f"<!-- {_state_digest(plan, code, [notes, [one.document() for one in verdicts.values()]])} -->\n"
+    pages = {row.experiment: (session.folder / page_name(row.experiment)).is_file() for row in plan.rows}
+    rows = [[*row.task, row.state, plan.keys[row.task].value, pages[row.experiment]] for row in plan.rows]
+    state = [code, session.title, session.operator, session.notes, session.synthetic, session.waiting, rows, notes]
+    state += [(session.folder / COMPARISON_PAGE).is_file(), pages_together(session.folder)]
+    state += [one.document() for one in verdicts.values()]
+    mark = f"<!-- {hashlib.sha256(files.canonical(state).encode('utf-8', 'replace')).hexdigest()} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         from pipelines.experiments.shared.pages import LIMITS
         from pipelines.guide import standalone
@@ -66,17 +70,6 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
         files.write_text(session.folder / f"reports/{LIMITS}", standalone("limits"))
         files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
-
-
-def _state_digest(plan: Plan, code: Identity, told: Sequence[Any]) -> str:
-    """Digest of all that the page depends on."""
-    session = plan.session
-    pages = {row.experiment: (session.folder / page_name(row.experiment)).is_file() for row in plan.rows}
-    keys = {row.task: plan.keys[row.task].value for row in plan.rows}
-    rows = [[r.experiment, r.stage, r.recording, r.state, keys[r.task], pages[r.experiment]] for r in plan.rows]
-    together = [(session.folder / COMPARISON_PAGE).is_file(), pages_together(session.folder)]
-    head = [code, session.title, session.operator, session.notes, session.synthetic, together, session.waiting, told]
-    return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
 def pages_together(folder: Path) -> list[tuple[str, str]]:
@@ -87,25 +80,36 @@ def pages_together(folder: Path) -> list[tuple[str, str]]:
 
 def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str]) -> str:
     from labpipe.report import Document, IndexRow, IndexTable, Link, Notice, Paragraph, Section
-    from pipelines.session._verdict_notices import as_sentence
+    from pipelines.session._verdict_notices import agreement, as_sentence, belief, each
 
     session = results.plan.session
-    answer: list[Block] = [*_answer(session, verdicts), *(Notice("info", as_sentence(note)) for note in notes)]
+    answer: list[Block] = []
+    if own := {name: one for name, one in verdicts.items() if name not in session.variants}:  # a record counts once
+        answer.append(belief(own, session.without_variants().experiments, session.waiting))
+        said = agreement({name: one.model for name, one in own.items()})
+        answer += [said] if said else []
+        bad = [name for name, one in own.items() if one.believable != "yes" or one.model == "differs"]
+        # those on which others rest come first
+        bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
+        answer += each(bad[:_REASONS], own, {})
+    answer += [Notice("info", as_sentence(note)) for note in notes]
     if (session.folder / COMPARISON_PAGE).is_file():
         remark = "all experiments in one table, as of the last labpipe compare"
         answer.append(Link("Measurement against model", COMPARISON_PAGE, remark))
     answer += [Link(text, name) for text, name in pages_together(session.folder)]
     sections = [Section("Answer", answer)] if answer else []
     sort, error = "Select a heading to sort. ", _ERROR  # each is said once
-    for title, names in _groups(session):
-        table, pictures = _numbers(results, names)
+    by_kind: dict[str, list[str]] = {}  # each has key numbers of its own
+    for name, experiment in session.experiments.items():
+        by_kind.setdefault(experiment.kind, []).append(name)
+    for kind, names in by_kind.items():
+        table, pictures = _numbers(results, experiments.KINDS[kind], names)
         rows = tuple(
-            _row(results, n, cells, pictures[n], verdicts.get(n), title)
-            for n, cells in zip(names, table.rows, strict=True)
+            _row(results, n, cells, pictures[n], verdicts.get(n)) for n, cells in zip(names, table.rows, strict=True)
         )
         can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in table.columns)
         caption = (sort if can_sort else "") + (error if has_error else "")
-        sections.append(Section(title, (IndexTable(table.columns, rows, caption.strip()),)))
+        sections.append(Section(experiments.KINDS[kind].title, (IndexTable(table.columns, rows, caption.strip()),)))
         sort, error = "" if can_sort else sort, "" if has_error else error
     if session.waiting:
         rows = tuple(
@@ -123,68 +127,27 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     return Document(session.title, about, "synthetic data" if session.synthetic else "", tuple(sections)).render()
 
 
-def _answer(session: Session, verdicts: Mapping[str, Verdict]) -> "Iterator[Notice]":
-    """Say how many experiments are believable and agree, and of the others each with its reason.
-
-    Those on which others rest come first.
-    """
-    from pipelines.session._verdict_notices import agreement, belief, each
-
-    if not verdicts:
-        return
-    experiments = session.without_variants().experiments  # a record counts once
-    verdicts = {name: one for name, one in verdicts.items() if name not in session.variants}
-    yield belief(verdicts, experiments, session.waiting)
-    if said := agreement({name: one.model for name, one in verdicts.items()}):
-        yield said
-    bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]
-    bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
-    yield from each(bad[:_REASONS], verdicts, {})
-
-
-def _groups(session: Session) -> list[tuple[str, list[str]]]:
-    """Put all experiments into one table, or those of each kind where kinds are many.
-
-    Every kind has key numbers of its own; a table of all would be wide and mostly empty.
-    """
-    by_kind: dict[str, list[str]] = {}
-    for name, experiment in session.experiments.items():
-        by_kind.setdefault(experiment.kind, []).append(name)
-    if len(by_kind) <= _FEW_KINDS:
-        return [("Experiments", list(session.experiments))]
-    return [(experiments.KINDS[kind].title, names) for kind, names in by_kind.items()]
-
-
-def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, bytes | None]]":
-    """Return the numbers of experiments, under headings that at least one of them has, and their pictures."""
+def _numbers(results: Results, kind: experiments.Kind, names: Sequence[str]) -> "tuple[Table, dict[str, bytes | None]]":
+    """Return the numbers of experiments of a kind, under headings that at least one of them has, and their pictures."""
     import numpy as np
 
     from labpipe.report import Listed, listed, thumbnail
 
-    plan, store = results.plan, Store(results.plan.session.folder)
-    kinds = {name: experiments.KINDS[results.experiments[name].kind] for name in names}
-    # kinds with the same number share its heading
-    shown = (n for kind in experiments.KINDS.values() if kind in kinds.values() for n in kind.key_numbers)
-    numbers = list(dict.fromkeys((number.title, number.unit) for number in shown))
-    headings = [("error", "1", 2), *((title, unit, 4) for title, unit in numbers), ("warnings", "", 4)]
+    store, keys = Store(results.plan.session.folder), results.plan.keys
+    headings = [("error", "1", 2), *((n.title, n.unit, 4) for n in kind.key_numbers), ("warnings", "", 4)]
     found: list[list[tuple[Cell, float | None]]] = []
     pictures: dict[str, bytes | None] = {}
-    for name, kind in kinds.items():
+    for name in names:
         read = cache(partial(results.first, name))  # one result holds several numbers
         comparison = read("comparison")
         has_error = comparison is not None and kind.error in comparison
         errors: Any = comparison[kind.error].values.ravel() if comparison is not None and has_error else ()
         worst = max((float(error) for error in errors if np.isfinite(error)), default=None)
-        cells: list[tuple[Cell, float | None]] = [(worst, None)]
-        own = {(n.title, n.unit): n for n in kind.key_numbers}
-        for key in numbers:
-            number = own.get(key)
-            dataset = read(number.stage) if number else None
-            cells.append((None if dataset is None or number is None else number.within(dataset)) or (None, None))
-        keys = [plan.keys[row.task].value for row in plan.rows if row.experiment == name]
-        records = [store.record(key) for key in keys if key is not None]
-        cells.append((sum(len(record.warnings) for record in records if record is not None), None))
-        found.append(cells)
+        pairs = (None if (made := read(n.stage)) is None else n.within(made) for n in kind.key_numbers)
+        records = [store.record(key) for row in results.plan.rows if row.experiment == name
+                   and (key := keys[row.task].value) is not None]  # fmt: skip
+        warned = sum(len(record.warnings) for record in records if record is not None)
+        found.append([(worst, None), *(pair or (None, None) for pair in pairs), (warned, None)])
         chart = None if kind.picture is None else _chart(read(kind.picture.stage), kind.picture)
         pictures[name] = None if chart is None else thumbnail(chart)
     columns = []
@@ -196,7 +159,7 @@ def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, 
 
 
 def _row(
-    results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: Verdict | None, heading: str
+    results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: Verdict | None
 ) -> "IndexRow":
     from labpipe.report import IndexRow, Level
     from pipelines.session._verdict_notices import judgement
@@ -205,36 +168,25 @@ def _row(
     rows = [row for row in plan.rows if row.experiment == name]
     has_page = (plan.session.folder / page_name(name)).is_file()
     waiting = [row for row in rows if row.state not in READY]
-    kept = [row for row in rows if row.state == KEPT]
-    experiment = plan.session.experiments[name]
-    kind = experiments.KINDS[experiment.kind].title
-    variant = f"variant of {experiment.base}" if experiment.base else ""
+    kept = sum(row.state == KEPT for row in rows)
+    base = plan.session.experiments[name].base
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     level: Level
-    judged, level = judgement(verdict.believable, verdict.model) if verdict else ("done", "ok")
-    state = judged
+    state, level = judgement(verdict.believable, verdict.model) if verdict else ("done", "ok")
     if unreadable:
         state, level = "waiting for files", "warning"
     elif has_page and {row.stage for row in waiting} == {"report"}:
         state, level = "page out of date", "warning"
     elif waiting and has_page:
-        known = f"{judged}, " if verdict is not None else ""
-        state, level = f"{known}{len(waiting)} of {len(rows)} steps to do", "warning"
-        if verdict is not None and verdict.state == "failed":
-            state, level = f"{state} or failed", "error"
+        has_failed = verdict is not None and verdict.state == "failed"
+        to_do = f"{len(waiting)} of {len(rows)} steps to do{' or failed' * has_failed}"
+        state, level = f"{state}, {to_do}" if verdict else to_do, "error" if has_failed else "warning"
     elif waiting:
         state, level = "not processed", "info"
     elif kept:
-        state, level = f"{state}, {len(kept)} results of earlier code", "warning" if level == "ok" else level
-    return IndexRow(
-        name,
-        state,
-        level,
-        href=page_name(name) if has_page else "",
-        metrics=tuple(cells),
-        thumbnail=picture,
-        remark="; ".join(text for text in ("" if kind == heading else kind, variant, unreadable) if text),
-    )
+        state, level = f"{state}, {kept} results of earlier code", "warning" if level == "ok" else level
+    remark = "; ".join(text for text in (f"variant of {base}" if base else "", unreadable) if text)
+    return IndexRow(name, state, level, page_name(name) if has_page else "", cells, picture, remark)
 
 
 def curve(dataset: "xr.Dataset | None", source: Picture) -> "tuple[Floats, Floats] | None":

@@ -21,7 +21,7 @@ from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
 from pipelines.experiments.shared.proposals import GAP, identifier, quoted
 from pipelines.session._gaps import Gap, filled, template_of
-from pipelines.session._recognition import LOOSE, recognise, remedy, unreadable, why_unknown
+from pipelines.session._recognition import LOOSE, alike_unknown, recognise, remedy, unreadable, why_unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,13 @@ def draft(folder: Path, template: Iterable[str] = ()) -> Draft:
             records |= made
     text, names = propose(with_fields(found, names=completed, texts=records))
     if not names:
-        raise UsageError(_nothing_proposed(found))
+        if found.owners or any(why_unknown(folder, name) == LOOSE for name in found.unknown):
+            lines = _left_over(with_fields(found, unknown=() if found.owners else found.unknown))
+            raise UsageError("\n  ".join([f"{folder}: no experiment is proposed", *lines]))
+        known = ", ".join(each.name for each in instruments.known())
+        remedies = [f"{name}: {hint}" for name in found.unknown if (hint := remedy(folder / name))]
+        nothing = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
+        raise UsageError("\n  ".join([nothing, *remedies[:1]]))
     return Draft({FILE_NAME: text, **records, **begun}, [FILE_NAME, *records], names, found)
 
 
@@ -179,19 +185,16 @@ def _head(folder: Path) -> str:
 
 def _left_over(found: Found, text: str = "") -> list[str]:
     """Name every file that a text does not, with the reason; files of one folder, sort and reason in one line."""
-    alike: dict[tuple[Path, str, str, str], list[str]] = {}
+    alike: dict[tuple[str, ...], list[str]] = {}
     for name, (title, reason) in found.owners.items():
-        if f'"{quoted(name)}"' in text:
-            continue
-        first = found.copies.get(name)
-        why = f"copies of those in {_shown(found.folder, Path(first).parent.as_posix())}" if first else ""
-        key = (Path(name).parent, "", title, why or unreadable(found.folder / name) or reason)
-        alike.setdefault(key, []).append(name)
-    for name in found.unknown:
-        key = (Path(name).parent, Path(name).suffix.lower(), "", why_unknown(found.folder, name))
-        alike.setdefault(key, []).append(name)
+        if f'"{quoted(name)}"' not in text:
+            first = found.copies.get(name)
+            why = f"copies of those in {_shown(found.folder, Path(first).parent.as_posix())}" if first else ""
+            key = (Path(name).parent.as_posix(), "", title, why or unreadable(found.folder / name) or reason)
+            alike.setdefault(key, []).append(name)
+    alike |= {(folder, ending, "", why): names for (folder, ending, why), names in alike_unknown(found).items()}
     lines = []
-    for (_, _, title, why), names in alike.items():
+    for (*_, title, why), names in alike.items():
         said = found.owners[names[0]][1] if names[0] in found.copies and len(names) == 1 else why
         more = f" and {len(names) - 1} more beside it" if len(names) > 1 else ""
         lines.append(f"{printable(_shown(found.folder, names[0]))}{more}{f' ({title})' if title else ''}: {said}")
@@ -202,15 +205,3 @@ def _shown(folder: Path, name: str) -> str:
     if name == ".":
         return "the session folder"
     return f"{name}/" if (folder / name).is_dir() else name
-
-
-def _nothing_proposed(found: Found) -> str:
-    """Say why no experiment begins from the files of a folder; or that nothing is known of them."""
-    folder = found.folder
-    if found.owners or any(why_unknown(folder, name) == LOOSE for name in found.unknown):
-        lines = _left_over(with_fields(found, unknown=() if found.owners else found.unknown))
-        return "\n  ".join([f"{folder}: no experiment is proposed", *lines])
-    known = ", ".join(each.name for each in instruments.known())
-    remedies = [f"{name}: {hint}" for name in found.unknown if (hint := remedy(folder / name))]
-    nothing = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
-    return "\n  ".join([nothing, *remedies[:1]])

@@ -2,7 +2,7 @@
 
 It holds ``data`` (``session.toml`` and every file that it names), ``results`` (netCDF of the CF conventions, and a
 table of all quantities), ``pages``, ``figures`` where they are given, ``methods.md``, ``references.bib``,
-``requirements.txt`` (a lock of the environment), ``ro-crate-metadata.json`` with a preview, and ``SHA256SUMS``, which
+``requirements.txt`` (a lock of the environment), ``ro-crate-metadata.json``, and ``SHA256SUMS``, which
 ``sha256sum --check`` reads. S. Soiland-Reyes et al., Data Science 5 (2022) 97, https://doi.org/10.3233/DS-210053.
 """
 
@@ -55,7 +55,7 @@ _TYPES = {".nc": "application/netcdf", ".md": "text/markdown", ".bib": "applicat
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Published:
-    """A package: its folder, the size of each file by name, what it lacks, and the files in which a name was struck."""
+    """A package: folder, size of each file by name, missing results, and the files in which a name was struck."""
 
     folder: Path
     sizes: dict[str, int]
@@ -239,14 +239,14 @@ def _write_texts(session: Session, folder: Path) -> None:
 
 
 def _write_crate(session: Session, folder: Path) -> None:
-    """Describe the package and every file in it as an RO-Crate, with a preview, and read the description back."""
+    """Describe the package and every file in it as an RO-Crate, and read the description back."""
     from rocrate.model import ContextEntity, Person, SoftwareApplication
     from rocrate.rocrate import ROCrate
 
     def entity(identifier: str, kind: str, /, **properties: Any) -> Any:
         return crate.add(ContextEntity(crate, identifier, properties={"@type": kind, **properties}))
 
-    crate = ROCrate(gen_preview=True, version=_CRATE)
+    crate = ROCrate(version=_CRATE)
     about = f"Raw files, results and reports of {len(session.experiments)} experiments, processed by labpipe."
     crate.name, crate.description = session.title, f"{about} {session.notes}".strip()
     crate.datePublished = date.today()
@@ -274,29 +274,9 @@ def _write_crate(session: Session, folder: Path) -> None:
     action = entity("#processing", "CreateAction", name="processing", instrument={"@id": program.id}, **made)
     crate.root_dataset["mentions"] = action
     crate.metadata.write(folder)
-    facts = [("creator", f"{one['name']}, {one.id}", "") for one in people]
-    facts += [("licence", address, ""), ("published", str(date.today()), "")]
-    rows = [
-        (top, len(every), sum(int(e["contentSize"]) for e in every), _CONTENT.get(top, ""))
-        for top, every in held.items()
-    ]
-    _write_preview(session, folder / crate.preview.id, crate.description, facts, rows)
     read = {entity.id for entity in ROCrate(folder).data_entities}
     if lost := sorted(e.id for every in held.values() for e in every if e.id not in read):
         raise InputError(f"the library rocrate does not read back {', '.join(lost)}; rename the file")
-
-
-def _write_preview(session: Session, path: Path, about: str, facts: list[Any], rows: list[Any]) -> None:
-    """Write the page that shows the package to a person."""
-    from labpipe.report import Column, Document, KeyValues, Link, Paragraph, Section, Table
-
-    links = (Link("Pages", f"pages/{PAGE}"), Link("Methods", "methods.md"), Link("References", "references.bib"))
-    check = "Check the files with sha256sum --check SHA256SUMS, and the numbers with labpipe verify FOLDER."
-    columns = (Column("file or folder"), Column("files"), Column("bytes", digits=12), Column("content"))
-    first = Section("Package", (KeyValues(facts), *links, Paragraph(check)))
-    badge = "synthetic data" if session.synthetic else ""
-    page = Document(session.title, about, badge, (first, Section("Content", (Table(columns, rows),))))
-    files.write_text(path, page.render())
 
 
 _SOURCES = Path(installation.__file__).parent / "documentation/references.bib"
@@ -409,7 +389,14 @@ def verify(
     if not (place / SUMS).is_file() or not (place / DATA).is_dir():
         hint = "name a folder that labpipe publish made"
         raise SourceError(place / SUMS, "there is no such file, so this is no published package", hint=hint)
-    count = _check_sums(place)
+    pairs = [line.split("  ", 1) for line in (place / SUMS).read_text("utf-8").splitlines()]
+    stated = {name: (files.safe_join(place, name), digest) for digest, name in pairs}
+    bad = [f"{name} is missing" for name, (path, _) in stated.items() if not path.is_file()]
+    there = {name: pair for name, pair in stated.items() if pair[0].is_file()}
+    bad += [f"{name} was changed" for name, (path, digest) in there.items() if files.digest(path) != digest]
+    if bad:
+        message = "; ".join(bad[:10]) + (f"; and {len(bad) - 10} more" if bad[10:] else "")
+        raise StoreError(f"{place}: not as it was published: {message}; fetch it again from its source")
     with tempfile.TemporaryDirectory(prefix="labpipe-verify-") as scratch:
         session = Path(scratch) / "session"
         files.require_space(session, sum(path.stat().st_size for path in files.files_below(place)))
@@ -420,24 +407,7 @@ def verify(
             export(session, "nc", out=made)
         published = sorted((place / RESULTS).glob("*.nc"))
         found = tuple(_compare(path, made / path.name, tolerance) for path in published)
-    return Verified(place, count, found, tolerance)
-
-
-def _check_sums(place: Path) -> int:
-    """Compare every file with its checksum, and return their number."""
-    pairs = [line.split("  ", 1) for line in (place / SUMS).read_text("utf-8").splitlines()]
-    stated = {pair[-1]: pair[0] for pair in pairs}
-    bad = []
-    for name, digest in stated.items():
-        path = files.safe_join(place, name)
-        if not path.is_file():
-            bad.append(f"{name} is missing")
-        elif files.digest(path) != digest:
-            bad.append(f"{name} was changed")
-    if bad:
-        message = "; ".join(bad[:10]) + (f"; and {len(bad) - 10} more" if bad[10:] else "")
-        raise StoreError(f"{place}: not as it was published: {message}; fetch it again from its source")
-    return len(stated)
+    return Verified(place, len(stated), found, tolerance)
 
 
 def _compare(published: Path, made: Path, tolerance: float) -> Compared:
@@ -448,21 +418,15 @@ def _compare(published: Path, made: Path, tolerance: float) -> Compared:
         return Compared(published.name, float("inf"), ("not made again",))
     before, after = files.read_dataset(published), files.read_dataset(made)
     worst, differs = 0.0, [str(name) for name in {*before.variables} ^ {*after.variables}]
-    for name in map(str, before.variables):
-        if name in differs:
+    for name in map(str, before.variables.keys() & after.variables.keys()):
+        old, new = before[name].values, after[name].values
+        if old.shape != new.shape or old.dtype.kind != "f":
+            differs += [] if np.array_equal(old, new) else [name]
             continue
-        old, new = np.asarray(before[name].values), np.asarray(after[name].values)
-        if old.shape != new.shape:
-            differs.append(name)
-        elif old.dtype.kind != "f":
-            differs += [name] if not np.array_equal(old, new) else []
-        else:
-            missing = np.isnan(old) != np.isnan(new)
-            gap = np.where(np.isnan(old) | (old == new), 0.0, np.abs(new - old))
-            largest = float(np.max(np.abs(old), initial=0.0, where=np.isfinite(old)))
-            allowed: Any = tolerance * largest
-            if f"u_{name}" in before and before[f"u_{name}"].shape == old.shape:
-                allowed = np.fmax(allowed, _PART_OF_U * before[f"u_{name}"].values)
-            worst = max(worst, float(np.max(gap, initial=0.0)) / (largest or 1.0))
-            differs += [name] if missing.any() or (gap > allowed).any() else []
+        largest = float(np.max(np.abs(old), initial=0.0, where=np.isfinite(old)))
+        u = before[f"u_{name}"].values if f"u_{name}" in before else np.zeros(())
+        allowed = np.fmax(tolerance * largest, _PART_OF_U * u if u.shape == old.shape else 0.0)
+        differs += [] if np.isclose(new, old, rtol=0.0, atol=allowed, equal_nan=True).all() else [name]
+        is_known = np.isfinite(old) & np.isfinite(new)
+        worst = max(worst, float(np.max(np.abs(new - old), initial=0.0, where=is_known)) / (largest or 1.0))
     return Compared(published.name, worst, tuple(sorted(differs)))

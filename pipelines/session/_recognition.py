@@ -50,49 +50,40 @@ def recognise(folder: Path) -> Found:
 
     A folder that is one recording, such as a film in images, counts as that, and not the files in it.
     """
-    whole = wholes(folder)
     found: dict[str, list[str]] = {}
     owners: dict[str, tuple[str, str]] = {}
-    unknown: list[str] = []
+    unknown, copies = list[str](), dict[str, str]()
+    below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
+    whole = {place: name for place in sorted(below) if (name := instrument_of(place)) is not None}
     for path in _candidates(folder):
-        name = path.relative_to(folder).as_posix()
+        name, sort = path.relative_to(folder).as_posix(), None
         if path.parent in whole:
             continue
-        if _leads_out(path, folder) or name_problem(name) or _is_loose_frame(folder, name):
+        if not (_leads_out(path, folder) or name_problem(name) or _is_loose_frame(folder, name)):
+            sort = _sort_of(path)
+        if sort == "photron" and path.suffix.lower() != ".mraw" and photron.frames_of(path) is not None:
+            continue  # its frames stand for the film
+        if sort is None:
             unknown.append(name)
-        elif path.suffix == ".toml" and (kind := _record_kind(path)) is not None:
-            found.setdefault(kind, []).append(name)
-            owners[name] = (kind.replace("_", " "), "no experiment names it")
-        elif path.suffix != ".toml" and (instrument := instrument_of(path)) is not None:
-            if instrument == "photron" and path.suffix.lower() != ".mraw" and photron.frames_of(path) is not None:
-                continue  # its frames stand for the film
-            found.setdefault(instrument, []).append(name)
         else:
-            unknown.append(name)
-    copies: dict[str, str] = {}
+            found.setdefault(sort, []).append(name)
+            owners[name] = (sort.replace("_", " "), "no experiment names it")
     for each in instruments.known():
         own = copies_among(folder, found.get(each.name, []))
         kept = [name for name in found.get(each.name, []) if name not in own]
-        kept += [p.relative_to(folder).as_posix() for p, instrument in whole.items() if instrument.name == each.name]
+        kept += [p.relative_to(folder).as_posix() for p, name in whole.items() if name == each.name]
         if kept:
             found[each.name] = kept
         if kept and not each.unproposed:
             found[each.content] = [*found.get(each.content, []), *kept]
-        owners |= {name: (each.title, f'a copy of "{first}"') for name, first in own.items()}
         able = [f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and each.content in k.proposal.contents]
         why_not = each.unproposed or _UNUSED[each.content]
         if able and (each.unproposed or each.content == "film"):
             why_not += f"; kinds that begin from it: {', '.join(able)}"
+        owners |= {name: (each.title, f'a copy of "{first}"') for name, first in own.items()}
         owners |= dict.fromkeys(kept, (each.title, why_not))
         copies |= own
     return Found(folder, found, owners, unknown=tuple(unknown), copies=copies)
-
-
-def wholes(folder: Path) -> dict[Path, instruments.Instrument]:
-    """Return folders that are one recording, such as a film in images."""
-    below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
-    names = {place: instrument_of(place) for place in sorted(below)}
-    return {place: instruments.by_name(name) for place, name in names.items() if name is not None}
 
 
 def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]:
@@ -101,18 +92,15 @@ def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]
     Those of a session within the folder, as of a copy, are its own.
     """
     titles = {each.name: each.title for each in instruments.known()}
-    is_session: dict[Path, bool] = {}
-    for path in _candidates(folder):
+    paths = list(_candidates(folder))
+    others = {path.parent for path in paths if path.name == FILE_NAME}
+    for path in paths:
         name, whole = path.relative_to(folder).as_posix(), path.resolve()
-        between = path.parents[: name.count("/")]
-        for place in between:
-            is_session.setdefault(place, (place / FILE_NAME).is_file())
-        is_used = not used.isdisjoint((whole, *whole.parents))
-        if is_used or any(is_session[p] for p in between) or _leads_out(path, folder) or name_problem(name):
+        is_used = not used.isdisjoint((whole, *whole.parents)) or not others.isdisjoint(path.parents)
+        if is_used or _leads_out(path, folder) or name_problem(name):
             continue
-        kind = _record_kind(path) if path.suffix == ".toml" else instrument_of(path)
-        if kind is not None:
-            yield name, titles.get(kind, kind.replace("_", " "))
+        if (sort := _sort_of(path)) is not None:
+            yield name, titles.get(sort, sort.replace("_", " "))
 
 
 def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
@@ -126,21 +114,20 @@ def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
         with (folder / name).open("rb") as stream:
             return hashlib.sha256(stream.read(_BEGIN)).hexdigest()
 
-    traits: tuple[Callable[[str], object], ...] = (
-        lambda name: (folder / name).stat().st_size,
-        begin,
-        lambda name: files.digest(folder / name),
-    )
+    def size(name: str) -> int:
+        return (folder / name).stat().st_size
+
+    def whole(name: str) -> str:
+        return files.digest(folder / name)
+
     groups = [list(names)]
     different = Counter(Path(name).parent for name in groups[0])
+    traits: tuple[Callable[[str], Any], ...] = (size, begin, whole)
     for trait in traits:  # each is asked only of files that are alike so far
-        split: list[list[str]] = []
-        for group in groups:
-            by_trait: dict[object, list[str]] = {}
-            for name in group if len(group) > 1 else ():
-                by_trait.setdefault(trait(name), []).append(name)
-            split += [alike for alike in by_trait.values() if len(alike) > 1]
-        groups = split
+        split: dict[tuple[int, Any], list[str]] = {}
+        for i, name in ((i, name) for i, group in enumerate(groups) if len(group) > 1 for name in group):
+            split.setdefault((i, trait(name)), []).append(name)
+        groups = [alike for alike in split.values() if len(alike) > 1]
     for equal in groups:
         here = Counter(Path(name).parent for name in equal)
         different -= here - Counter(here.keys())
@@ -151,6 +138,15 @@ def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
         )
         copies |= dict.fromkeys(others, first)
     return copies
+
+
+def alike_unknown(found: Found) -> dict[tuple[str, str, str], list[str]]:
+    """Gather files of which nothing is known by folder, ending and reason (:func:`why_unknown`)."""
+    alike: dict[tuple[str, str, str], list[str]] = {}
+    for name in found.unknown:
+        key = (Path(name).parent.as_posix(), Path(name).suffix.lower(), why_unknown(found.folder, name))
+        alike.setdefault(key, []).append(name)
+    return alike
 
 
 def why_unknown(folder: Path, name: str) -> str:
@@ -209,10 +205,12 @@ def instrument_of(path: Path) -> str | None:
         return None
 
 
-def _record_kind(path: Path) -> str | None:
-    """Name the kind that a record claims; an incomplete one is a record that has gaps."""
+def _sort_of(path: Path) -> str | None:
+    """Name the instrument that wrote a file, or the kind that a record claims; an incomplete one has gaps."""
     from calibration import KINDS as RECORDS
 
+    if path.suffix != ".toml":
+        return instrument_of(path)
     try:
         kind = parse(path).tree.get("kind")
     except LabpipeError:
@@ -294,7 +292,14 @@ def survey(folder: Path) -> list[Surveyed]:
 
     Hidden files, session.toml and the results of labpipe are left out.
     """
-    found, used = recognise(folder), _users(folder)
+    found, used = recognise(folder), dict[str, list[str]]()  # experiments by each text in them, files among these
+    try:
+        experiments = tomllib.loads(safe_join(folder, FILE_NAME).read_text("utf-8-sig")).get("experiments", {})
+    except (OSError, ValueError, RecursionError, InputError):
+        experiments = {}
+    for experiment, table in experiments.items() if isinstance(experiments, dict) else ():
+        for text in {node for node in nodes(table) if isinstance(node, str)}:
+            used.setdefault(text, []).append(experiment)
     has_session = (folder / FILE_NAME).is_file()
     by_name = {each.name: each for each in instruments.known()}
     instrument = {name: by_name[key] for key, names in found.names.items() if key in by_name for name in names}
@@ -319,17 +324,3 @@ def survey(folder: Path) -> list[Surveyed]:
         users = tuple(used.get(name, ()))
         listed.append(Surveyed(printable(name), kind, content, reason, copy_of, users, status.st_size, when))
     return listed
-
-
-def _users(folder: Path) -> dict[str, list[str]]:
-    """Return every text of an experiment that names a file, with the experiments that do."""
-    try:
-        tree = tomllib.loads(safe_join(folder, FILE_NAME).read_text("utf-8-sig"))
-    except (OSError, ValueError, RecursionError, InputError):
-        return {}
-    experiments = tree.get("experiments", {})
-    users: dict[str, list[str]] = {}
-    for experiment, table in experiments.items() if isinstance(experiments, dict) else ():
-        for text in {node for node in nodes(table) if isinstance(node, str)}:
-            users.setdefault(text, []).append(experiment)
-    return users

@@ -12,10 +12,12 @@ from math import isinf
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.report import Block, Column, Details, Paragraph, Section, Table, shown_source
+from labpipe.report import Block, Column, Details, Listed, Paragraph, Section, Table, listed, shown_source
 from labpipe.uncertainty import (
     Budget,
     Indices,
@@ -158,23 +160,24 @@ def examined(experiment: str, quantity: Quantity) -> Examined:
 
 
 def _page(session: Session, kind: str, found: Sequence[Examined]) -> str:
-    """Return the page of the quantities of one kind of experiment as HTML text."""
-    head = Section("What to measure better", (Paragraph(answer(found)), *synthetic_notice(session), *answers(found)))
+    """Return the page of the quantities of one kind of experiment as HTML text; budgets are on those of experiments."""
+    head = Section("What to measure better", (*answer(found), *synthetic_notice(session)))
     sections = [head]
     for name in dict.fromkeys(e.experiment for e in found):
         own = [e for e in found if e.experiment == name]
         propagated = [(e.quantity, e.budget, e.drawn) for e in own]
         table = budget_blocks.overview(propagated, "to halve the uncertainty", [e.advice for e in own])
-        folded = []
-        for e in own:
-            columns = {  # an estimated share may be a little below zero
-                "Sobol, alone": {n: f"{100.0 * max(i.first, 0.0):.1f} %" for n, i in e.indices.items()},
-                "Sobol, in all": {n: f"{100.0 * max(i.total, 0.0):.1f} %" for n, i in e.indices.items()},
-            }
-            made = budget_blocks.blocks(e.quantity, e.budget, e.drawn, columns)
-            advice = Paragraph(f"To halve the uncertainty: {e.advice}.")
-            folded.append(Details(e.quantity.name, blocks=(advice, *made)))
-        sections.append(Section(name, (table, *folded)))
+        linear = {e: {row["source"]: 100.0 * row["share"] for row in e.budget.rows} for e in own}
+        rows = [(e, source, indices) for e in own for source, indices in e.indices.items()]
+        shares = listed([
+            Listed("quantity", [e.quantity.name for e, *_ in rows]),
+            Listed("input", [shown_source(source) for _, source, _ in rows]),
+            Listed("linear share", [linear[e].get(source) for e, source, _ in rows], "%", digits=3),
+            # an estimated share may be a little below zero
+            Listed("Sobol, alone", [100.0 * max(indices.first, 0.0) for *_, indices in rows], "%", digits=3),
+            Listed("Sobol, in all", [100.0 * max(indices.total, 0.0) for *_, indices in rows], "%", digits=3),
+        ])  # fmt: skip
+        sections.append(Section(name, (table, Details("Shares of the variance", blocks=(shares,)))))
     return session_document(session, f"Uncertainty and sensitivity: {KINDS[kind].title}", sections)
 
 
@@ -186,48 +189,31 @@ def _known_better(shares: dict[str, float]) -> str:
     return f"know {text} exactly" if isinf(factor) or factor > _BEST else f"know {text} {factor:.2g} times better"
 
 
-def _families(found: Sequence[Examined]) -> dict[str, tuple[list[Examined], dict[str, float]]]:
-    """Gather uncertain quantities of the same sense, in all experiments and impacts, with the mean shares of inputs."""
+def answer(found: Sequence[Examined]) -> tuple[Block, ...]:
+    """List the limits of quantities of one sense, in all experiments and impacts, and the inputs to know better.
+
+    The shares of the inputs are means over the results. Below, whether linear shares and Sobol indices agree.
+    """
+    uncertain = [e for e in found if e.budget.u > 0.0]
+    if not uncertain:
+        return (Paragraph("Nothing is uncertain."),)
     groups: dict[str, list[Examined]] = {}
-    for each in found:
-        if each.budget.u > 0.0:
-            groups.setdefault(each.quantity.family or each.quantity.name, []).append(each)
-    shares = {}
-    for name, group in groups.items():
-        inputs = dict.fromkeys(n for e in group for n in e.indices)
-        shares[name] = {n: sum(e.shares.get(n, 0.0) for e in group) / len(group) for n in inputs}
-    return {name: (group, shares[name]) for name, group in groups.items()}
-
-
-def answer(found: Sequence[Examined]) -> str:
-    """Say in one sentence which inputs to measure better, and whether linear shares and Sobol indices agree."""
-    parts = [f"of the {name}, {_known_better(shares)}" for name, (_, shares) in _families(found).items()]
-    first = f"To halve the uncertainty {'; '.join(parts)}." if parts else "Nothing is uncertain."
-    gaps = {
-        e: max(abs(r["share"] - e.shares.get(r["source"], 0.0)) for r in e.budget.rows)
-        for e in found
-        if e.budget.u > 0.0
-    }
-    apart = [f"{e.experiment}, {e.quantity.name} ({100 * gap:.0f} %)" for e, gap in gaps.items() if gap > _SAME]
-    if apart:
-        return (
-            f"{first} Linear shares of the variance and Sobol's total indices differ where the result is "
-            f"nonlinear within the uncertainty of an input: {', '.join(apart)}. Use Sobol's there."
-        )
-    most = f"{100.0 * max(gaps.values(), default=0.0):.1g}"
-    return f"{first} Linear shares of the variance and Sobol's total indices agree within {most} % of the variance."
-
-
-def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
-    """Return the limits of each sort of quantity, one row each."""
+    for each in uncertain:
+        groups.setdefault(each.quantity.family or each.quantity.name, []).append(each)
     rows = []
-    for name, (group, shares) in _families(found).items():
-        order = sorted(shares, key=lambda n: -shares[n])
-        shown = (f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3] if shares[n] >= 0.01)
+    for name, group in groups.items():
+        shares = pd.DataFrame([e.shares for e in group]).fillna(0.0).mean().sort_values(ascending=False)
+        mean = {str(name): float(share) for name, share in shares.items()}
+        shown = (f"{shown_source(n)} {100.0 * share:.0f} %" for n, share in list(mean.items())[:3] if share >= 0.01)
         widths = sorted((e.budget for e in group), key=lambda budget: budget.expanded())
         ends = dict.fromkeys(budget_blocks.half_width(widths[i], group[0].quantity.unit) for i in (0, -1))
-        rows.append((name, len(group), " to ".join(ends), ", ".join(shown), _known_better(shares)))
-    limiting = "limiting inputs, mean share of the variance"
-    titles = ("quantity", "results", "expanded uncertainty, 95 %", limiting, "to halve it")
-    note = Paragraph("Shares of the variance: Sobol's total indices, averaged over the results.")
-    return Table(tuple(map(Column, titles)), rows, sortable=False), note
+        rows.append((name, len(group), " to ".join(ends), ", ".join(shown), _known_better(mean)))
+    titles = ("quantity", "results", "expanded uncertainty, 95 %", "limiting inputs, mean share of the variance")
+    table = Table(tuple(map(Column, (*titles, "to halve it"))), rows, sortable=False)
+    gaps = {e: max(abs(r["share"] - e.shares.get(r["source"], 0.0)) for r in e.budget.rows) for e in uncertain}
+    apart = [f"{e.experiment}, {e.quantity.name} ({100 * gap:.0f} %)" for e, gap in gaps.items() if gap > _SAME]
+    text = f"agree within {100.0 * max(gaps.values()):.1g} % of the variance."
+    if apart:
+        text = "differ where the result is nonlinear within the uncertainty of an input"
+        text += f": {', '.join(apart)}. Use Sobol's there."
+    return table, Paragraph(f"Linear shares of the variance and Sobol's total indices (which are shown) {text}")

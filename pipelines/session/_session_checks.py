@@ -173,99 +173,71 @@ def _twice(session: Session) -> _Owned:
         if named.path.exists() and named.path.suffix != CONFIGURATION:
             owners.setdefault(index.digest(named.path), []).append(named)  # known from the run, by size and time
     for places in owners.values():
-        for number, later in enumerate(places[1:], 1):
+        for number, later in enumerate(places):
             for first in places[:number]:
-                is_same_file = first.path.samefile(later.path)
+                is_same_file, of_one = first.path.samefile(later.path), first.experiment == later.experiment
                 is_same_use = first.kind == later.kind and _field(first.setting) == _field(later.setting)
-                # other kinds may look at the same file
-                if not is_same_file or is_same_use or first.experiment == later.experiment:
-                    # of two experiments nothing says which one it belongs to
-                    for owner in dict.fromkeys((later.experiment, first.experiment)):
-                        yield owner, _copy(first, later, is_same_file)
-                    break
-
-
-def _copy(first: Named, later: Named, is_same_file: bool) -> Finding:
-    of_other = f" of {first.experiment}" if first.experiment != later.experiment else ""
-    text = f"{later.name} holds the same bytes as {first.name}{of_other}"
-    if first.name == later.name:
-        text = f"{later.name} is listed again" if not of_other else f"{later.name} is also a recording{of_other}"
-    elif is_same_file:
-        text = f"{later.name} and {first.name}{of_other} are one file, the same bytes under two names"
-    cause = "one recording was taken for two" if is_same_file else "a copy was taken for a repeat"
-    return _finding("same bytes twice", text, cause, later.name)
+                if is_same_file and not is_same_use and not of_one:  # other kinds may look at the same file
+                    continue
+                other = "" if of_one else f" of {first.experiment}"
+                text = f"{later.name} holds the same bytes as {first.name}{other}"
+                if first.name == later.name:
+                    text = f"{later.name} is " + ("listed again" if of_one else f"also a recording{other}")
+                elif is_same_file:
+                    text = f"{later.name} and {first.name}{other} are one file, the same bytes under two names"
+                cause = "one recording was taken for two" if is_same_file else "a copy was taken for a repeat"
+                # of two experiments nothing says which one it belongs to
+                for owner in dict.fromkeys((later.experiment, first.experiment)):
+                    yield owner, _finding("same bytes twice", text, cause, later.name)
+                break
 
 
 def _records(session: Session) -> _Owned:
-    """Hold calibration records against each other, and their day against their period.
-
-    The step that applies a record checks the day of the recording and the sensor.
-    """
-    check, users = "calibration record", dict[str, list[str]]()
+    """Find two calibration records of one id; the step that applies one checks its period and its sensor."""
+    users: dict[str, list[str]] = {}
     for named in named_files(session):
         if named.path.suffix == CONFIGURATION:
             name = files.relative(named.path.resolve(), session.files)  # or that of the laboratory
             users.setdefault(name, []).append(named.experiment)
     records = {name: record for name in users if (record := _record(session.files / name)) is not None}
-    for name, record in records.items():
-        if record.when > record.valid_until:
-            text = f"{name}: calibrated on {record.when}, after the record ended ({record.valid_until})"
-            cause = "a day of the record is mistyped, or an older record was copied"
-            for owner in dict.fromkeys(users[name]):
-                yield owner, _finding(check, text, cause, name, "when")
     for (name, record), (other, twin) in combinations(records.items(), 2):
         if record.id == twin.id and record != twin:
             text = f'{name} and {other} have the same id, "{record.id}", but differ'
             for owner in dict.fromkeys(users[other]):
-                yield owner, _finding(check, text, "one of the two records is out of date", other, "id")
+                cause = "one of the two records is out of date"
+                yield owner, _finding("calibration record", text, cause, other, "id")
 
 
 # --- one thing, two values ---
 
 
-@dataclass(frozen=True, slots=True)
-class _Body:
-    """A body whose radius and mass an experiment states, such as the sphere, and the sources of its material."""
-
-    experiment: Experiment
-    setting: str
-    materials: frozenset[str]
-    radius: Quantity
-    mass: Quantity
-
-
 def _bodies(session: Session) -> _Owned:
     """Hold masses of bodies of one radius and material against each other, and radii of bodies of one mass."""
-    found = []
+    found: list[tuple[Experiment, str, frozenset[str], dict[str, Quantity]]] = []
     for e in session.experiments.values():
         for place, table, _ in every_setting(e.settings):
-            radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
-            if isinstance(radius, Quantity) and isinstance(mass, Quantity):
+            sizes = {n: v for n in ("radius", "mass") if isinstance(v := getattr(table, n, None), Quantity)}
+            if len(sizes) == 2:
                 # a body without a material of its own falls on, or with, each of the others of its experiment
                 sources = frozenset(_sources(table)) or frozenset(_sources(e.settings))
-                found.append(_Body(e, place, sources, radius, mass))
-    for i, body in enumerate(found):
+                found.append((e, place, sources, sizes))
+    for i, (e, place, sources, sizes) in enumerate(found):
         for name, same in (("mass", "radius"), ("radius", "mass")):
             others = [
-                (j, other)
-                for j, other in enumerate(found)
-                if other.experiment is not body.experiment
-                and not other.materials.isdisjoint(body.materials)
-                and _distance(getattr(other, same), getattr(body, same)) <= _SAME
+                (j, other.name, theirs[name])
+                for j, (other, _, materials, theirs) in enumerate(found)
+                if other is not e and materials & sources and _distance(theirs[same], sizes[same]) <= _SAME
             ]
-            if len(others) == 1 and others[0][0] > i:  # of two the later one is named
+            usual = _usual(sizes[name], [pair for _, *pair in others])
+            if usual is None or (len(others) == 1 and others[0][0] > i):  # of two the later one is named
                 continue
-            value: Quantity = getattr(body, name)
-            usual = _usual([(other.experiment.name, getattr(other, name)) for _, other in others])
-            if usual is None or _distance(value, usual[1]) <= _APART:
-                continue
-            cause = _typing_error(name, value, usual[1])
+            cause = _typing_error(name, sizes[name], usual[1])
             if not cause and name == "radius":  # a sphere of another size
                 continue
-            text = f"{name} is {_written(value)} here and {_written(usual[1])} in {usual[0]}, "
+            text = f"{name} is {_written(sizes[name])} here and {_written(usual[1])} in {usual[0]}, "
             text += f"for bodies of one {same} and material"
             cause = cause or f"the {name} of this sphere is mistyped, or another one was used: then say so"
-            yield body.experiment.name, _finding(TWO_VALUES, text, cause, setting=f"{body.setting}.{name}")
+            yield e.name, _finding(TWO_VALUES, text, cause, setting=f"{place}.{name}")
 
 
 def _plates(session: Session) -> _Owned:
@@ -276,15 +248,13 @@ def _plates(session: Session) -> _Owned:
     stated = [(e, plate) for e in session.experiments.values() if (plate := getattr(e.settings, "plate", None))]
     for name in ("mass", "frequency", "damping_ratio"):
         values = [(e.name, value) for e, plate in stated if isinstance(value := getattr(plate, name, None), Quantity)]
-        for owner, value in values:
-            others = [pair for pair in values if pair[0] != owner]
-            usual = _usual(others) if len(others) > 1 else None
-            word = name.replace("_", " ")
-            if usual is None or _distance(value, usual[1]) <= _APART or not _typing_error(word, value, usual[1]):
-                continue
-            text = f"the plate's {word} is {_written(value)} here and {_written(usual[1])} in the other experiments"
-            cause = f"{_typing_error(word, value, usual[1])}; or the plate is another one"
-            yield owner, _finding("one plate, two values", text, cause, setting=f"plate.{name}")
+        word = name.replace("_", " ")
+        for owner, value in values if len(values) > 2 else ():
+            usual = _usual(value, [pair for pair in values if pair[0] != owner])
+            if usual is not None and (error := _typing_error(word, value, usual[1])):
+                text = f"the plate's {word} is {_written(value)} here and {_written(usual[1])} in the other experiments"
+                cause = f"{error}; or the plate is another one"
+                yield owner, _finding("one plate, two values", text, cause, setting=f"plate.{name}")
 
 
 def _sources(settings: Any) -> Iterator[str]:
@@ -300,10 +270,12 @@ def _distance(a: Quantity, b: Quantity) -> float:
     return abs(a.value - b.value) / u if u else inf
 
 
-def _usual(values: Sequence[tuple[str, Quantity]]) -> tuple[str, Quantity] | None:
-    """Return the value, with its owner, with which more than half of some values agree."""
-    agreeing = {i: sum(_distance(one, v) <= _SAME for _, v in values) for i, (_, one) in enumerate(values)}
-    return next((values[i] for i, n in agreeing.items() if 2 * n > len(values)), None)
+def _usual(own: Quantity, values: Sequence[Sequence[Any]]) -> tuple[str, Quantity] | None:
+    """Return the value, with its owner, with which more than half of some others agree; None where the own does too."""
+    for owner, usual in values:
+        if 2 * sum(_distance(usual, value) <= _SAME for _, value in values) > len(values):
+            return None if _distance(own, usual) <= _APART else (owner, usual)
+    return None
 
 
 def _typing_error(name: str, value: Quantity, expected: Quantity) -> str:
@@ -363,41 +335,25 @@ def _material_names(session: Session) -> _Owned:
                 yield e.name, _finding("name of the material", text, cause, setting=setting)
 
 
-def _uncertainties(session: Session) -> _Owned:
-    """Find positive quantities whose stated uncertainty says that nothing is known of them."""
-    for e, setting, value, kind in _quantities(session):
-        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
-        if is_positive and value.u > _UNKNOWN * value.value:
-            name = setting.rpartition(".")[2].replace("_", " ")
-            text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
-            cause = "the unit or the decimal point of the uncertainty is wrong"
-            yield e.name, _finding("stated uncertainty", text, cause, setting=setting)
-
-
-def _temperatures(session: Session) -> _Owned:
-    """Find temperatures of a laboratory that are in kelvin under degrees, or the reverse."""
-    for e, setting, value, _ in _quantities(session):
-        # a reference is held against the temperatures that were measured, by its kind
-        if value.si != "degC" or setting.rpartition(".")[2] == "T_ref":
-            continue
-        T = value.value
-        if 250.0 <= T <= 400.0:
-            meant = f"{T:g} K = {T - _KELVIN:.4g} °C"
-        elif T < -150.0:
-            meant = f"{T + _KELVIN:.4g} °C"
-        else:
-            continue
-        text, cause = f"{setting} is {T:.4g} °C", f"{meant} is meant: its unit is wrong"
-        yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
-
-
-def _quantities(session: Session) -> Iterator[tuple[Experiment, str, Quantity, Any]]:
+def _quantities(session: Session) -> _Owned:
+    """Find uncertainties that say that nothing is known of a positive quantity, and kelvin under degrees."""
     for e in session.experiments.values():
         for setting, value, kind in every_setting(e.settings):
-            if isinstance(value, Quantity):
-                yield e, setting, value, kind
+            if not isinstance(value, Quantity):
+                continue
+            name, number = setting.rpartition(".")[2].replace("_", " "), value.value
+            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+            if is_positive and value.u > _UNKNOWN * number:
+                text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
+                cause = "the unit or the decimal point of the uncertainty is wrong"
+                yield e.name, _finding("stated uncertainty", text, cause, setting=setting)
+            # a reference is held against the temperatures that were measured, by its kind
+            if value.si == "degC" and name != "T ref" and (number < -150.0 or 250.0 <= number <= 400.0):
+                meant = f"{number:g} K = {number - _KELVIN:.4g} °C" if number > 0.0 else f"{number + _KELVIN:.4g} °C"
+                text, cause = f"{setting} is {number:.4g} °C", f"{meant} is meant: its unit is wrong"
+                yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 
-_CHECKS = (_twice, _records, _bodies, _plates, _material_names, _uncertainties, _temperatures)
-SESSION_CHECKS = len(_CHECKS) + 1
-"""Number of checks of a session as a whole, that of unused files included."""
+_CHECKS = (_twice, _records, _bodies, _plates, _material_names, _quantities)
+SESSION_CHECKS = len(_CHECKS) + 2
+"""Number of checks of a session as a whole: the last of the functions makes two, and unused files are one more."""

@@ -80,7 +80,9 @@ def _taken(document: Document, stated: Stated, name: str, where: str, cells: dic
         if key.startswith("u_") or not cells[heading] or not is_wanted:
             continue  # session.toml has the last word
         u = cells.get(stated.columns.get(f"u_{key}", ""), "")
-        text = f"{cells[heading]}{f' ± {u}' if u else ''} {_unit(heading)}".strip()
+        # the unit ends the heading: "m / g", "m in g", "m (g)", "m [g]"
+        words = heading.replace("[", "/").replace("(", "/").replace(" in ", "/").rstrip(" ])").rpartition("/")
+        text = f"{cells[heading]}{f' ± {u}' if u else ''} {words[2].strip() if words[1] else ''}".strip()
         try:
             quantity(text)
         except InputError as error:
@@ -116,12 +118,6 @@ def _rows(path: Path, stated: Stated) -> tuple[str, list[tuple[int, dict[str, st
         raise InputError(f'{stated.file} has no sheet "{stated.sheet}"; correct its name')
     names = " and ".join(f'"{heading}"' for heading in missing or wanted)
     raise InputError(f"{stated.file}, sheet {book[0][0]}: no row of headings has {names}; correct the headings here")
-
-
-def _unit(heading: str) -> str:
-    """Return the unit at the end of a heading: "m / g", "m in g", "m (g)", "m [g]"."""
-    words = heading.replace("[", "/").replace("(", "/").replace(" in ", "/").rstrip(" ])").rpartition("/")
-    return words[2].strip() if words[1] else ""
 
 
 def _folded(text: str) -> str:

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from labpipe import files
 from labpipe.errors import InputError
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.report import (
     Band,
     Block,
-    Details,
     Document,
     LineChart,
     Link,
@@ -30,16 +32,120 @@ from labpipe.report import (
     display_unit,
     listed,
     quantity,
+    value_with_uncertainty,
 )
 from pipelines.experiments import KINDS
-from pipelines.experiments.shared.judgements import probability
+from pipelines.experiments.shared.judgements import chance, probability
 from pipelines.experiments.shared.pages import SYNTHETIC, counted
-from pipelines.session._catalogue import CHECKS, open_catalogue
-from pipelines.session._catalogue_page import PAGE as CATALOGUE_PAGE, TREND_PAGE, Opened
-from pipelines.session._control_chart import GROUPS, RARE, ControlChart, Trend, control_charts
+from pipelines.session._catalogue import CHECKS, KEYS, PAGE as CATALOGUE_PAGE, TREND_PAGE, Opened, open_catalogue
+
+if TYPE_CHECKING:
+    from labpipe.arrays import Floats
+
+RARE = 0.0027
+"""Probability of a value beyond three standard deviations, as the limits of a control chart have it."""
+GROUPS = {"record": "calibration record", "operator": "operator", "specimen": "specimen"}
+
 
 _OTHER_TEMPERATURE = 10.0
 """K from the median of a material, beyond which an experiment has charts of its own: rooms vary by less."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlChart:
+    """One quantity over the days on which it was measured: an individuals chart.
+
+    Attributes
+    ----------
+    owner : str
+        The sensor, of a ratio of observed over expected; the kind of experiment, of a key number.
+    title, unit : str
+        Quantity and specimen, and SI unit.
+    is_ratio : bool
+    points : DataFrame
+        A row for each session, by day: ``session``, ``day``, ``value`` and ``u`` (means of the session's experiments,
+        whose calibration is one), ``operator``, ``record``.
+    mean, sigma : float
+        Mean, and standard deviation from the mean moving range, ``MR * sqrt(pi) / 2``, which a slow drift does not
+        widen (D. C. Montgomery, Introduction to Statistical Quality Control, section 6.4).
+    u : float
+        Root mean square of the stated standard uncertainties, NaN where there are none.
+    slope, p : float
+        Least-squares slope per day, and its two-sided probability by chance.
+    groups : dict of str to (float, dict of str to float)
+        By record, operator and specimen: probability of larger differences by chance, and the mean of each group.
+    is_drifting : bool
+        The slope is less likely by chance than one value of all charts beyond three standard deviations.
+    """
+
+    owner: str
+    title: str
+    unit: str
+    is_ratio: bool
+    points: pd.DataFrame
+    mean: float
+    sigma: float
+    u: float
+    slope: float
+    p: float
+    groups: dict[str, tuple[float, dict[str, float]]]
+    is_drifting: bool = False
+
+    @property
+    def is_outside(self) -> np.ndarray:
+        """Whether each value is beyond three standard deviations (session,)."""
+        return (np.abs(self.points["value"] - self.mean) > 3.0 * self.sigma).to_numpy() & (self.sigma > 0.0)
+
+    @property
+    def change(self) -> float:
+        """Change from the first day to the last by the slope."""
+        return self.slope * float(_elapsed(self.points["day"])[-1])
+
+    @property
+    def drift(self) -> str:
+        """The drift in words."""
+        size = f"{100 * abs(self.change):.2g} %" if self.is_ratio else quantity(abs(self.change), self.unit, 2)
+        first, last = self.points["day"].iloc[[0, -1]]
+        within = f", {abs(self.change) / self.u:.2g} times its stated uncertainty" if self.u > 0.0 else ""
+        way = "rose" if self.change > 0 else "fell"
+        return f"{self.title} {way} by {size} from {first} to {last}{within} ({chance(self.p)})"
+
+    @property
+    def state(self) -> str:
+        """One word or two for a table."""
+        n = int(self.is_outside.sum())
+        return "drifts" if self.is_drifting else f"{n} outside" if n else "steady"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Trend(ShownAsTable):
+    """Control charts of many sessions, those of ratios first, of every owner the most significant drift first.
+
+    ``drifts`` are drifts in words by owner, ``undated`` session and name of experiments whose files and settings hold
+    no day, ``problems`` sessions that cannot be read, with the reason.
+    """
+
+    page: Path
+    charts: tuple[ControlChart, ...]
+    drifts: dict[str, list[str]]
+    undated: tuple[tuple[str, str], ...]
+    problems: dict[str, str]
+
+    def _shown(self) -> Shown:
+        means = (value_with_uncertainty(c.mean, c.sigma, c.unit) for c in self.charts)
+        rows = [(c.owner, c.title, len(c.points), mean, c.state) for c, mean in zip(self.charts, means, strict=True)]
+        return Shown(f"{len(rows)} control charts", ("of", "quantity", "n", "mean", "state"), rows)
+
+    def documents(self) -> list[dict[str, Any]]:
+        """Return the charts for JSON, None for numbers that are not known."""
+        names = ("owner", "title", "unit", "mean", "sigma", "u", "slope", "p", "state", "groups")
+        made = []
+        for c in self.charts:
+            values = {n: getattr(c, n) for n in names}
+            points = c.points.astype(object).where(c.points.notna(), None).to_dict("records")
+            values |= {n: None for n in ("u", "p") if not math.isfinite(values[n])}
+            made.append(values | {"points": points})
+        return made
 
 
 def trend(
@@ -100,41 +206,97 @@ def trend(
 def _points(opened: Opened, where: str) -> pd.DataFrame:
     """Return every quantity of every experiment, a row each, as :func:`control_charts` takes them."""
     frame = opened.select("experiments", where)
-    units = frame.attrs["units"]
     for name in {"material", "height", "temperature"} - set(frame):
         frame[name] = None
-    frame["specimen"], frame.attrs["units"] = _specimens(frame), units
-    titles = {name: kind.title for name, kind in KINDS.items()}
-    known = frame["kind"].map(str)
-    common = ["session", "experiment", "recorded", "record", "operator", "specimen"]
-    parts = [frame[[*common]].iloc[:0]]
-    for kind in KINDS.keys() & set(known):
-        own = frame[known == kind]
-        own.attrs["units"] = units
-        for key in KINDS[kind].key_numbers:
-            value, u = opened.number(own, kind, key)
-            made = own[common].assign(value=value, u=u, chart=own["specimen"], owner=titles[kind], quantity=key.title)
-            parts.append(made.assign(unit=key.unit, is_ratio=False))
-    ratios = opened.select("results", f"stage = '{CHECKS}' AND ({where.strip() or 'true'})")
-    ratios = ratios.groupby(["session", "experiment", "variable"], as_index=False)[["value", "u"]].mean()
-    ratios = ratios.merge(frame[[*common, "kind", "sensor"]], on=["session", "experiment"])
-    owner = ratios["sensor"].fillna(ratios["kind"].map(titles))
-    parts.append(ratios.rename(columns={"variable": "quantity"}).assign(owner=owner, unit="1", is_ratio=True, chart=""))
-    points = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
-    return points[points["value"].notna()] if "value" in points else points
-
-
-def _specimens(frame: pd.DataFrame) -> list[str]:
-    """Name material, height, and a temperature that is not the usual one, for every experiment."""
+    # material, height, and a temperature that is not the usual one
     height, temperature = (pd.to_numeric(frame[name], errors="coerce") for name in ("height", "temperature"))
     usual = temperature.groupby(frame["material"].fillna("")).transform("median")
-    names = []
-    for material, h, t, u in zip(frame["material"], height, temperature, usual, strict=True):
-        parts = [material if isinstance(material, str) else "", quantity(h, "m", 3) if math.isfinite(h) else ""]
-        parts += [quantity(t, "degC", 2)] if abs(t - u) > _OTHER_TEMPERATURE else []
-        names.append(", ".join(part for part in parts if part))
-    return names
+    other = (temperature - usual).abs() > _OTHER_TEMPERATURE
+    parts_of = (
+        frame["material"].map(lambda name: name if isinstance(name, str) else ""),
+        height.map(lambda h: quantity(h, "m", 3) if math.isfinite(h) else ""),
+        temperature.where(other).map(lambda t: quantity(t, "degC", 2) if math.isfinite(t) else ""),
+    )
+    frame["specimen"] = [", ".join(filter(None, own)) for own in zip(*parts_of, strict=True)]
+    common = ["session", "experiment", "recorded", "record", "operator", "specimen", "kind", "sensor"]
+    points = opened.select("results", f"stage IN ('{CHECKS}', '{KEYS}') AND ({where.strip() or 'true'})")
+    points["u"] = pd.to_numeric(points["u"])
+    keys = ["session", "experiment", "stage", "variable", "unit"]
+    points = points.groupby(keys, as_index=False, sort=False)[["value", "u"]].mean().merge(frame[common])
+    is_ratio, title = points["stage"] == CHECKS, points["kind"].map({name: kind.title for name, kind in KINDS.items()})
+    owner = points["sensor"].where(is_ratio).fillna(title)
+    points = points.assign(owner=owner, is_ratio=is_ratio, chart=points["specimen"].where(~is_ratio, ""))
+    return points.rename(columns={"variable": "quantity"})
 
+
+def control_charts(points: pd.DataFrame) -> tuple[ControlChart, ...]:
+    """Make a chart of each quantity that was measured on two days.
+
+    Parameters
+    ----------
+    points : DataFrame
+        A row for each quantity of each experiment: ``owner``, ``quantity``, ``chart`` (its specimen, where that
+        decides the value), ``is_ratio``, ``unit``, ``recorded`` (ISO day), ``session``, ``operator``, ``record``,
+        ``specimen``, ``value`` and ``u`` (SI).
+    """
+    grouped = points.groupby(["owner", "quantity", "chart"], sort=False) if len(points) else ()
+    made = [_chart(own) for _, own in grouped if own["recorded"].nunique() > 1]
+    made = [replace(c, is_drifting=c.p < RARE / len(made)) for c in made]
+    return tuple(sorted(made, key=lambda c: (not c.is_ratio, c.owner, c.p if math.isfinite(c.p) else 1.0)))
+
+
+def _chart(own: pd.DataFrame) -> ControlChart:
+    """Make a chart of the values of one quantity, an experiment each."""
+    from scipy.stats import linregress
+
+    own = own.fillna({"operator": "", "record": ""})
+
+    def joined(texts: pd.Series[str]) -> str:
+        return ", ".join(dict.fromkeys(texts))
+
+    columns = {"day": ("recorded", "min"), "value": ("value", "mean"), "u": ("u", "mean")}
+    by_session = own.groupby("session", as_index=False)
+    table = by_session.agg(**columns, operator=("operator", joined), record=("record", joined))
+    table = table.sort_values("day", kind="stable", ignore_index=True)
+    value, elapsed = table["value"].to_numpy(float), _elapsed(table["day"])
+    slope, p = 0.0, math.nan
+    if len(np.unique(elapsed)) > 2 and np.ptp(value) > 0.0:
+        slope, _, _, p, _ = map(float, linregress(elapsed, value))
+    first = own.iloc[0]
+    sigma, u = float(np.abs(np.diff(value)).mean()) * math.sqrt(math.pi) / 2.0, math.sqrt((table["u"] ** 2).mean())
+    title = ", ".join(part for part in (first["quantity"], first["chart"]) if part)
+    groups = dict(_groups(own, table, slope * elapsed if p < RARE else 0.0 * elapsed))
+    about = (first["owner"], title, first["unit"], bool(first["is_ratio"]))
+    return ControlChart(*about, table, float(value.mean()), sigma, u, slope, p, groups)
+
+
+def _elapsed(days: pd.Series[str]) -> Floats:
+    dates = days.to_numpy("datetime64[D]")
+    return np.asarray((dates - dates[0]).astype(float))
+
+
+def _groups(
+    own: pd.DataFrame, table: pd.DataFrame, line: Floats
+) -> Iterator[tuple[str, tuple[float, dict[str, float]]]]:
+    """Compare the means of groups: sessions by record and operator, experiments by specimen within their session.
+
+    The drift is taken off before operators are compared.
+    """
+    from scipy.stats import f_oneway
+
+    within = own["value"] - own["session"].map(table.set_index("session")["value"]) + table["value"].mean()
+    sets = {
+        "record": (table["record"], table["value"]),
+        "operator": (table["operator"], table["value"] - line + line.mean()),
+        "specimen": (own["specimen"], within),
+    }
+    for by, (names, values) in sets.items():
+        parts = {str(name): part.to_numpy(float) for name, part in values.groupby(names.to_numpy(), sort=False)}
+        if 1 < len(parts) < len(values) and any(np.ptp(part) > 0.0 for part in parts.values()):
+            yield by, (float(f_oneway(*parts.values()).pvalue), {n: float(part.mean()) for n, part in parts.items()})
+
+
+# --- the page ---
 
 _TIED = "\N{NO-BREAK SPACE}"  # a sign stays with its number
 _METHOD = (
@@ -150,17 +312,30 @@ _METHOD = (
 
 
 def trend_page(found: Trend, opened: Opened) -> str:
-    """Write the page: what drifts, with its chart, first; then all charts by sensor and kind, and the groups."""
+    """Write the page: drifts, the gravest with its chart, first; then all charts by sensor and kind, and the groups."""
     charts = found.charts
     worst = next((c for c in charts if c.is_drifting), None)
     answer: list[Block] = [*_answer(found), *([_drawn(worst)] if worst else [])]
     if found.page.parent == opened.page_folder:
         answer.append(Link("All experiments", CATALOGUE_PAGE, "of these sessions, with their verdicts"))
-    sections = [Section("Answer", answer), Section("All quantities", [_summary(charts)])]
+    units = [display_unit([c.mean], c.unit) for c in charts]
+    pairs = list(zip(charts, units, strict=True))
+    columns = [
+        Listed("of", [c.owner for c in charts]),
+        Listed("quantity", [c.title for c in charts]),
+        Listed("state", [c.state for c in charts]),
+        Listed("mean", [c.mean / u.factor for c, u in pairs], u=[c.sigma / u.factor for c, u in pairs]),
+        *([Listed("in", [u.text for u in units])] if any(u.text for u in units) else []),
+        Listed("change", [c.change / u.factor for c, u in pairs], digits=2),
+        Listed("p", [probability(c.p).replace(" ", _TIED) if np.isfinite(c.p) else None for c in charts]),
+        Listed("sessions", [len(c.points) for c in charts]),
+    ]
+    caption = "After ±: standard deviation of one session. Change: by the line of least squares, first to last day."
+    sections = [Section("Answer", answer), Section("All quantities", [listed(columns, caption)])]
     for is_ratio, owner in dict.fromkeys((c.is_ratio, c.owner) for c in charts):
         own = [_drawn(c) for c in charts if (c.is_ratio, c.owner) == (is_ratio, owner) and c is not worst]
         sections += [Section(f"{owner}: observed over expected" if is_ratio else owner, own)] if own else []
-    sections.append(Section("By calibration record, operator and specimen", list(_groups(charts))))
+    sections.append(Section("By calibration record, operator and specimen", list(_comparisons(charts))))
     sections.append(Section("Method", [Paragraph(_METHOD, copyable=True)]))
     days = sorted({day for c in charts for day in c.points["day"]})
     badge = SYNTHETIC if opened.select("sessions", "NOT coalesce(synthetic, 0)").empty else ""
@@ -185,24 +360,6 @@ def _answer(found: Trend) -> Iterator[Notice]:
         names = ", ".join(f"{session}/{experiment}" for session, experiment in found.undated[:5])
         names += f" and {len(found.undated) - 5} more" if len(found.undated) > 5 else ""
         yield Notice("info", f"Left out, since neither files nor settings hold a day (state measured_on): {names}.")
-
-
-def _summary(charts: Sequence[ControlChart]) -> Block:
-    units = [display_unit([c.mean], c.unit) for c in charts]
-    pairs = list(zip(charts, units, strict=True))
-    columns = [
-        Listed("of", [c.owner for c in charts]),
-        Listed("quantity", [c.title for c in charts]),
-        Listed("state", [c.state for c in charts]),
-        Listed("mean", [c.mean / u.factor for c, u in pairs], u=[c.sigma / u.factor for c, u in pairs]),
-        Listed("in", [u.text for u in units]),
-        Listed("change", [c.change / u.factor for c, u in pairs], digits=2),
-        Listed("p", [probability(c.p).replace(" ", _TIED) if np.isfinite(c.p) else None for c in charts]),
-        Listed("sessions", [len(c.points) for c in charts]),
-    ]
-    columns = [column for column in columns if column.title != "in" or any(column.cells)]
-    caption = "After ±: standard deviation of one session. Change: by the line of least squares, first to last day."
-    return listed(columns, caption)
 
 
 def _drawn(chart: ControlChart) -> LineChart:
@@ -237,18 +394,14 @@ def _drawn(chart: ControlChart) -> LineChart:
     return LineChart(*titles, series, "days", "day", vlines=marks, caption=caption.strip(), height_px=240)
 
 
-def _groups(charts: Sequence[ControlChart]) -> Iterator[Block]:
+def _comparisons(charts: Sequence[ControlChart]) -> Iterator[Block]:
     found = sorted(((c, by, *c.groups[by]) for c in charts for by in c.groups), key=lambda row: row[2])
     differing = [row for row in found if row[2] < RARE / len(found)]
-    for c, by, _, means in differing:
-        least, most = (pick(means, key=means.__getitem__) for pick in (min, max))
-        text = f"{c.owner}, {c.title}: differs by {GROUPS[by]}, lowest {least or 'not stated'}, highest {most}."
+    for c, by, p, means in differing:
+        (least, low), *_, (most, high) = sorted(means.items(), key=lambda pair: pair[1])
+        ends = [f"{word} {name or 'not stated'} ({quantity(mean, c.unit, 5)})" for word, name, mean in
+                (("lowest", least, low), ("highest", most, high))]  # fmt: skip
+        text = f"{c.owner}, {c.title}: differs by {GROUPS[by]}, {', '.join(ends)}, {chance(p)}."
         yield Notice("warning", text)
     if not differing:
         yield Notice("ok", "No quantity differs between calibration records, operators or specimens.")
-    rows = [(c.owner, c.title, GROUPS[by], name or "not stated", mean, c.unit, probability(p))
-            for c, by, p, means in found for name, mean in means.items()]  # fmt: skip
-    if rows:
-        titles = ("of", "quantity", "by", "group", "mean, SI", "unit", "p")
-        columns = [Listed(title, cells, digits=5) for title, cells in zip(titles, zip(*rows, strict=True), strict=True)]
-        yield Details(f"All {counted(len(found), 'comparison')}, the most different first", (listed(columns),))

@@ -13,6 +13,13 @@ if TYPE_CHECKING:
 
 LEVELS: dict[str, Level] = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
 _WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
+_UNSURE = {
+    "impossible": "impossible",
+    "doubtful": "doubtful",
+    "unknown": "not known",
+    "stale": "without a verdict that is up to date",
+    "waiting": "waiting for settings",
+}
 _NAMED = 5  # more experiments than these are not read in a sentence
 
 
@@ -21,47 +28,42 @@ def belief(verdicts: Mapping[str, Verdict], names: Iterable[str], waiting: Itera
 
     Those without a verdict wait for their steps, or for lines of their settings.
     """
-    others: dict[str, list[str]] = {}
     words = {name: verdicts[name].believable if name in verdicts else "stale" for name in names}
     words |= dict.fromkeys(waiting, "waiting")
-    for name, word in words.items():
-        if word != "yes":
-            others.setdefault(word, []).append(name)
-    n = len(words)
-    if not others:
+    n, known = len(words), list(words.values())
+    sure = known.count("yes")
+    if sure == n:
         return Notice("ok", f"All {n} experiments are believable." if n > 1 else "The experiment is believable.")
-    known = {
-        "impossible": "impossible",
-        "doubtful": "doubtful",
-        "unknown": "not known",
-        "stale": "without a verdict that is up to date",
-        "waiting": "waiting for settings",
-    }
-    named = "; ".join(f"{word}: {_listed(others[key])}" for key, word in known.items() if key in others)
-    worst: Level = "error" if "impossible" in others else "warning" if "doubtful" in others else "info"
-    sure = n - sum(map(len, others.values()))
-    verb = "is" if n == 1 or sure == 1 else "are"
-    return Notice(worst, f"{sure} of {n} experiment{'s' * (n > 1)} {verb} believable. {as_sentence(named)}")
+    worst: Level = "error" if "impossible" in known else "warning" if "doubtful" in known else "info"
+    text = f"{sure} of {n} experiment{'s' * (n > 1)} {'is' if n == 1 or sure == 1 else 'are'} believable."
+    return Notice(worst, f"{text} {_others(words, _UNSURE)}")
 
 
 def agreement(models: Mapping[str, str]) -> Notice | None:
     """Say in how many experiments the model agrees, and name the others; None where none is compared."""
-    judged = {name: model for name, model in models.items() if model != "none"}
-    if not judged:
+    words = {name: model for name, model in models.items() if model != "none"}
+    if not words:
         return None
-    words = ("differs", "undecided")
-    others = {word: [name for name, model in judged.items() if model == word] for word in words}
-    named = "; ".join(f"{word}: {_listed(names)}" for word, names in others.items() if names)
-    level: Level = "warning" if others["differs"] else "info" if named else "ok"
-    n, agree = len(judged), sum(model == "agrees" for model in judged.values())
-    text = f"The model agrees in {agree} of {n} experiment{'s' * (n != 1)}."
-    return Notice(level, f"{text} {as_sentence(named)}" if named else text)
+    n, known = len(words), list(words.values())
+    level: Level = "warning" if "differs" in known else "info" if "undecided" in known else "ok"
+    text = f"The model agrees in {known.count('agrees')} of {n} experiment{'s' * (n != 1)}."
+    return Notice(level, f"{text} {_others(words, {word: word for word in ('differs', 'undecided')})}".strip())
+
+
+def _others(words: Mapping[str, str], shown: Mapping[str, str]) -> str:
+    """Name the experiments that have each of some words, five at most; empty where there are none."""
+    parts = []
+    for word, text in shown.items():
+        if names := [name for name, own in words.items() if own == word]:
+            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+            parts.append(f"{text}: {', '.join(names[:_NAMED])}{more}")
+    return as_sentence("; ".join(parts)) if parts else ""
 
 
 def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
     """Say of each named experiment whether it can be believed and agrees, with the gravest reason.
 
-    ``against`` says what an experiment is compared with, where it is not the model.
+    ``against`` names the reference of an experiment, where it is not the model.
     """
     for name in names:
         if (one := verdicts.get(name)) is None:
@@ -91,10 +93,5 @@ def judgement(believable: str, model: str) -> tuple[str, Level]:
 
 
 def as_sentence(text: str) -> str:
-    """Begin and end what was found as a sentence."""
+    """Begin and end a text as a sentence."""
     return f"{capitalised(text).rstrip('.')}."
-
-
-def _listed(names: list[str]) -> str:
-    rest = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")

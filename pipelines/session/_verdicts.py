@@ -9,14 +9,17 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
+from labpipe.judging import Finding
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
@@ -39,7 +42,7 @@ from pipelines.session._session_checks import (
 )
 
 if TYPE_CHECKING:
-    from labpipe.judging import Finding, Judgement
+    from labpipe.judging import Judgement
     from labpipe.workflow.results import RunResult
 
 WAITING = "waiting"
@@ -103,8 +106,7 @@ class Verdict:
 
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        made = asdict(self) | {"causes": list(self.causes), "suspects": list(self.suspects)}
-        made["findings"] = _documents(self.findings)
+        made: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self)) | {"findings": _documents(self.findings)}
         del made["n_of_session"]
         return made
 
@@ -170,8 +172,6 @@ def verdicts_of(run: RunResult) -> Verdicts:
 
 def waiting_verdicts(session: Session) -> dict[str, Verdict]:
     """Return a verdict on each experiment that waits: its findings are the lines to fill in or correct."""
-    from labpipe.judging import Finding
-
     tables = parse(session.root / FILE_NAME).tree.get("experiments", {}) if session.waiting else {}
     found = {}
     for name, problems in session.waiting.items():
@@ -201,7 +201,7 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     if not judged and not _path(results).is_file():
         return {}
     marks, kept = _marks(results), _kept(results)
-    known = {n: one for n, (mark, one) in kept.items() if marks.get(n) == mark}
+    known = {n: one.verdict for n, one in kept.items() if marks.get(n) == one.mark}
     made = [
         _of_result(session, session.experiments[name], "done", result)
         for name, row in judged.items()
@@ -216,31 +216,29 @@ def _path(results: Results) -> Path:
     return Store(results.plan.session.folder).root / VERDICTS
 
 
-def _kept(results: Results) -> dict[str, tuple[str, Verdict]]:
-    """Return the kept verdicts by experiment, each with its mark; none where the file is absent or damaged."""
-    from labpipe.judging import Finding
+class _Kept(msgspec.Struct):
+    """A verdict, and the digest of all that it comes from."""
 
-    def verdict(fields: dict[str, Any]) -> Verdict:
-        lists = {"findings": tuple(Finding(**f) for f in fields["findings"])}
-        return Verdict(**fields | lists | {name: tuple(fields[name]) for name in ("causes", "suspects")})
+    mark: str
+    verdict: Verdict
 
+
+def _kept(results: Results) -> dict[str, _Kept]:
+    """Return the kept verdicts by experiment; none where the file is absent or damaged."""
     try:
-        kept = files.unseal(_path(results).read_bytes()) or {}
-        return {name: (one["mark"], verdict(one["verdict"])) for name, one in kept.items()}
-    except (OSError, KeyError, TypeError):
+        return msgspec.convert(files.unseal(_path(results).read_bytes()) or {}, dict[str, _Kept])
+    except (OSError, msgspec.ValidationError):
         return {}
 
 
 def _keep(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     """Keep verdicts in addition to those that are still true."""
-    if not verdicts:
-        return
-    marks = _marks(results)
-    kept = {name: {"mark": mark, "verdict": asdict(one)} for name, (mark, one) in _kept(results).items()}
-    kept = {name: one for name, one in kept.items() if marks.get(name) == one["mark"]}
-    kept |= {name: {"mark": marks[name], "verdict": asdict(one)} for name, one in verdicts.items()}
-    with contextlib.suppress(StorageError):  # it only saves time
-        files.write_bytes(_path(results), files.seal({name: kept[name] for name in sorted(kept)}))
+    if verdicts:
+        marks = _marks(results)
+        kept = {name: one for name, one in _kept(results).items() if marks.get(name) == one.mark}
+        kept |= {name: _Kept(marks[name], one) for name, one in verdicts.items()}
+        with contextlib.suppress(StorageError):  # it only saves time
+            files.write_bytes(_path(results), files.seal(msgspec.to_builtins(dict(sorted(kept.items())))))
 
 
 def _marks(results: Results) -> dict[str, str]:
@@ -280,9 +278,7 @@ def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False)
 
 
 def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
-    """Judge an experiment by the results that there are; None stands for those that are not."""
-    from labpipe.judging import Finding
-
+    """Judge an experiment by the results that there are; None takes the place of those that are not."""
     session, failed = results.plan.session, tuple(failures)
     name, kind, state = experiment.name, experiment.kind, "failed" if failed else "done"
     stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
@@ -299,7 +295,13 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
 
     given = [a.arranged(tolerant) for a in arguments(session, STAGES, experiment, stage.inputs)]
     stated = (session.title, session.operator, session.notes, session.synthetic)
-    context = Context(name, kind, *stated, warnings=_warned(results, name), failures=failed)
+    store, warned = Store(session.folder), list[Warned]()
+    for row in (row for row in results.plan.rows if row.experiment == name):
+        value = results.plan.keys[row.task].value
+        record = None if value is None else store.record(value)
+        warnings = () if record is None else record.warnings
+        warned += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
+    context = Context(name, kind, *stated, warnings=tuple(warned), failures=failed)
     try:
         result = function(stage.function)(*given, settings=experiment.settings, context=context)
     except Exception as error:
@@ -309,18 +311,6 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
         finding = Finding(f"step {JUDGEMENT}", "note", text, cause)
         return Verdict(name, kind, "failed", "unknown", "undecided", (finding,), causes=(cause,))
     return _of_result(session, experiment, state, result)
-
-
-def _warned(results: Results, experiment: str) -> tuple[Warned, ...]:
-    """Return the warnings of the steps of an experiment that gave a result."""
-    store, keys = Store(results.plan.session.folder), results.plan.keys
-    found: list[Warned] = []
-    for row in results.plan.rows:
-        value = keys[row.task].value if row.experiment == experiment else None
-        record = None if value is None else store.record(value)
-        warnings = () if record is None else record.warnings
-        found += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
-    return tuple(found)
 
 
 def _of_result(session: Session, experiment: Experiment, state: str, result: Any) -> Verdict:
@@ -356,18 +346,14 @@ def _placed(session: Session, experiment: Experiment, finding: Finding) -> Findi
 
 def _with_session(session: Session, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
     """Add the findings of the session as a whole to the verdicts on its experiments."""
-    found = tuple(verdicts)
-    more = session_findings(session) if found else {}
-    return tuple(
-        _added(v, [_placed(session, session.experiments[v.experiment], f) for f in more.get(v.experiment, ())])
-        for v in found
-    )
-
-
-def _added(verdict: Verdict, more: Iterable[Finding]) -> Verdict:
-    known = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
-    # another experiment's value says by how much the one of this line is wrong, which no record says so well
-    extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
-    is_worse = verdict.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
-    believable = "doubtful" if is_worse else verdict.believable
-    return replace(verdict, believable=believable, findings=(*verdict.findings, *extra), n_of_session=len(extra))
+    made = list(verdicts)
+    found = session_findings(session) if made else {}
+    for i, one in enumerate(made):
+        more = [_placed(session, session.experiments[one.experiment], f) for f in found.get(one.experiment, ())]
+        known = {(f.file, f.line, f.level) for f in one.findings if f.line is not None}
+        # another experiment's value says by how much the one of this line is wrong, which no record says so well
+        extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
+        is_worse = one.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
+        believable = "doubtful" if is_worse else one.believable
+        made[i] = replace(one, believable=believable, findings=(*one.findings, *extra), n_of_session=len(extra))
+    return tuple(made)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from pipelines.sweeps.grid import Axis as Axis, Design as Design, axis as axis, design as design
+    from pipelines.sweeps.grid import Design as Design, design as design
     from pipelines.sweeps.run import Swept as Swept, run_design as run_design, sweep as sweep
 else:
     __getattr__ = lazily(__name__)

@@ -1,6 +1,6 @@
 """The points of a sweep: the product of its axes, times random draws of uncertain inputs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
 
@@ -17,102 +17,44 @@ MOST_POINTS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
-    """One swept parameter and its values, SI."""
-
-    name: str
-    values: tuple[Value, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Design:
     """All points of a sweep.
 
-    ``axes``: their product is the grid, the first varies slowest; ``fixed``: every other parameter; ``drawn``:
-    parameters with a standard uncertainty, one value per draw. The draws are the same at every point of the grid, so
-    that differences over the grid are not noise.
+    ``axes``: values in SI by parameter, whose product is the grid, the first varies slowest; ``fixed``: every other
+    parameter; ``drawn``: parameters with a standard uncertainty, one value per draw. The draws are the same at every
+    point of the grid, so that differences over the grid are not noise.
     """
 
     simulator: str
-    axes: tuple[Axis, ...]
+    axes: dict[str, tuple[Value, ...]]
     fixed: dict[str, Value]
     drawn: dict[str, tuple[float, ...]]
 
     @property
-    def dims(self) -> tuple[str, ...]:
-        """Names of the dimensions, draws last."""
-        return tuple(a.name for a in self.axes) + ((DRAW,) if self.drawn else ())
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Points along each dimension."""
-        return tuple(len(a.values) for a in self.axes) + tuple(len(v) for v in list(self.drawn.values())[:1])
+    def sizes(self) -> dict[str, int]:
+        """Points along each dimension, draws last."""
+        draws = [(DRAW, len(values)) for values in self.drawn.values()]
+        return {name: len(values) for name, values in self.axes.items()} | dict(draws)
 
     @property
     def count(self) -> int:
         """Number of points."""
-        return prod(self.shape)
+        return prod(self.sizes.values())
 
     def points(self, start: int = 0, stop: int | None = None) -> list[dict[str, Value]]:
         """All parameters of some points, in the order of the flattened grid."""
         numbers = range(self.count)[start:stop]
         found = [dict(self.fixed) for _ in numbers]
-        places = zip(*np.unravel_index(numbers, self.shape), strict=True) if self.shape else ()
+        places = zip(*np.unravel_index(numbers, tuple(self.sizes.values())), strict=True) if self.sizes else ()
         for point, place in zip(found, places, strict=False):
-            point.update({a.name: a.values[i] for a, i in zip(self.axes, place, strict=False)})
-            point.update({name: values[place[-1]] for name, values in self.drawn.items()})
+            point |= {name: values[i] for (name, values), i in zip(self.axes.items(), place, strict=False)}
+            point |= {name: values[place[-1]] for name, values in self.drawn.items()}
         return found
-
-
-def axis(simulator: str, name: str, text: str) -> Axis:
-    """Parse the values of one axis.
-
-    Parameters
-    ----------
-    simulator, name : str
-        Whose parameter it is.
-    text : str
-        ``"acrylic, nylon"``, ``"1.5 mm, 5 mm"``, or a range ``"1 mm : 10 mm : 7"``; a fourth part
-        ``log`` spaces it by equal ratios.
-
-    Raises
-    ------
-    UsageError
-        The text is none of these, in another unit, or holds a value twice.
-
-    Examples
-    --------
-    >>> axis("drop", "height", "1 mm : 4 mm : 3 : log").values
-    (0.001, 0.002, 0.004)
-    """
-    parts = [part.strip() for part in text.split(":")]
-    if len(parts) == 1 or not _parameter(simulator, name).unit:
-        given = [_value(simulator, name, part.strip()) for part in text.split(",")]
-        if any(isinstance(v, Quantity) and v.u > 0.0 for v in given):
-            raise UsageError(f"{name}: a swept value has no uncertainty; set it fixed, with draws")
-        values: tuple[Value, ...] = tuple(v.value if isinstance(v, Quantity) else v for v in given)
-        if len(set(values)) < len(values):
-            raise UsageError(f"{name}: a value is given twice in {text}")
-        return Axis(name, values)
-    is_log = parts[3:] == ["log"]
-    if len(parts) not in (3, 4) or not (is_log or len(parts) == 3) or not parts[2].isdigit():
-        raise UsageError(
-            f'{name}: cannot understand "{text}"; expected values separated by commas, or '
-            '"first : last : number", with ": log" for equal ratios'
-        )
-    first, last = (_value(simulator, name, part) for part in parts[:2])
-    if not (isinstance(first, Quantity) and isinstance(last, Quantity) and int(parts[2]) >= 2):
-        raise UsageError(f"{name}: a range needs two numbers and at least two points")
-    if is_log and min(first.value, last.value) <= 0.0:
-        raise UsageError(f"{name}: equal ratios need positive ends")
-    spaced = (np.geomspace if is_log else np.linspace)(first.value, last.value, int(parts[2]))
-    # Twelve digits: 0.004 and not 0.0040000000000000001 of one machine and ..2 of another.
-    return Axis(name, tuple(float(f"{v:.12g}") for v in spaced))
 
 
 def design(
     simulator: str,
-    axes: Sequence[Axis],
+    vary: Mapping[str, str],
     fixed: Mapping[str, str | float] | None = None,
     *,
     draws: int = 0,
@@ -123,8 +65,9 @@ def design(
     Parameters
     ----------
     simulator : {"drop", "indent"}
-    axes : sequence of Axis
-        Swept parameters.
+    vary : mapping
+        Values of swept parameters: ``"acrylic, nylon"``, ``"1.5 mm, 5 mm"``, or a range ``"1 mm : 10 mm : 7"``; a
+        fourth part ``log`` spaces it by equal ratios.
     fixed : mapping
         Text with a unit, ``"9.525 ± 0.005 mm"``, or numbers in SI; the others keep their default.
     draws : int
@@ -137,15 +80,20 @@ def design(
     UsageError
         A parameter is unknown, given twice or in another unit; draws and uncertainties do not
         belong together; or the points are more than ten million.
+
+    Examples
+    --------
+    >>> design("drop", {"height": "1 mm : 4 mm : 3 : log"}).axes
+    {'height': (0.001, 0.002, 0.004)}
     """
-    names, given = [a.name for a in axes], dict(fixed or {})
-    for name in [*names, *given]:
+    given = dict(fixed or {})
+    axes = {name: _axis(simulator, name, text) for name, text in vary.items()}
+    for name in given:
         _parameter(simulator, name)
-        if [*names, *given].count(name) > 1:
+        if name in axes:
             raise UsageError(f"{name} is given twice")
     known = {name: parameter.default for name, parameter in SIMULATORS[simulator].parameters.items()}
-    stated = {n: None if v is None else _value(simulator, n, v) for n, v in (known | given).items()}
-    values: dict[str, Value] = {n: v.value if isinstance(v, Quantity) else v for n, v in stated.items()}
+    stated = {n: None if v is None else _value(simulator, n, v) for n, v in (known | given).items() if n not in axes}
     spread = {name: v for name, v in stated.items() if isinstance(v, Quantity) and v.u > 0.0}
     if bool(spread) != bool(draws):
         message = (
@@ -156,10 +104,36 @@ def design(
         raise UsageError(message)
     generator = np.random.default_rng(seed)
     drawn = {name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()}
-    made = Design(simulator, tuple(axes), {n: v for n, v in values.items() if n not in names}, drawn)
+    made = Design(simulator, axes, {n: v.value if isinstance(v, Quantity) else v for n, v in stated.items()}, drawn)
     if made.count > MOST_POINTS:
         raise UsageError(f"{made.count} points; at most {MOST_POINTS} in one sweep")
     return made
+
+
+def _axis(simulator: str, name: str, text: str) -> tuple[Value, ...]:
+    parts = [part.strip() for part in text.split(":")]
+    if len(parts) == 1 or not _parameter(simulator, name).unit:
+        given = [_value(simulator, name, part.strip()) for part in text.split(",")]
+        if any(isinstance(v, Quantity) and v.u > 0.0 for v in given):
+            raise UsageError(f"{name}: a swept value has no uncertainty; set it fixed, with draws")
+        values: tuple[Value, ...] = tuple(v.value if isinstance(v, Quantity) else v for v in given)
+        if len(set(values)) < len(values):
+            raise UsageError(f"{name}: a value is given twice in {text}")
+        return values
+    is_log = parts[3:] == ["log"]
+    if len(parts) != 3 + is_log or not parts[2].isdigit():
+        raise UsageError(
+            f'{name}: cannot understand "{text}"; expected values separated by commas, or '
+            '"first : last : number", with ": log" for equal ratios'
+        )
+    first, last = (_value(simulator, name, part) for part in parts[:2])
+    if not (isinstance(first, Quantity) and isinstance(last, Quantity) and int(parts[2]) >= 2):
+        raise UsageError(f"{name}: a range needs two numbers and at least two points")
+    if is_log and min(first.value, last.value) <= 0.0:
+        raise UsageError(f"{name}: equal ratios need positive ends")
+    spaced = (np.geomspace if is_log else np.linspace)(first.value, last.value, int(parts[2]))
+    # Twelve digits: 0.004 and not 0.0040000000000000001 of one machine and ..2 of another.
+    return tuple(float(f"{v:.12g}") for v in spaced)
 
 
 def _parameter(simulator: str, name: str) -> Parameter:

@@ -33,10 +33,9 @@ def render(plan: Design, dataset: "xr.Dataset", file: str) -> str:
     """Return the page of a sweep as HTML text; ``file``: the name of its netCDF file."""
     known = SIMULATORS[plan.simulator].parameters
     rows = []
-    for axis in plan.axes:
-        ends = [_text(value, known[axis.name].unit) for value in (axis.values[0], axis.values[-1])]
-        span = f"{len(axis.values)} values, {ends[0]} to {ends[1]}" if len(axis.values) > 1 else ends[0]
-        rows.append((_read(axis.name), span, known[axis.name].text))
+    for name, swept in plan.axes.items():
+        first, last = (_text(swept[i], known[name].unit) for i in (0, -1))
+        rows.append((_read(name), f"{len(swept)} values, {first} to {last}" if swept[1:] else first, known[name].text))
     for name, values in plan.drawn.items():
         text = value_with_uncertainty(float(np.mean(values)), float(np.std(values, ddof=1)), known[name].unit)
         rows.append((_read(name), text, f"{len(values)} draws: mean and standard deviation"))
@@ -52,7 +51,7 @@ def render(plan: Design, dataset: "xr.Dataset", file: str) -> str:
     sections = [Section(str(values.attrs["long_name"]), tuple(_output(values))) for values in outputs]
     return Document(
         title=f"Sweep of the simulator: {plan.simulator}",
-        subtitle=f"{' × '.join(map(str, plan.shape)) or '1'} points over {', '.join(plan.dims) or 'nothing'}",
+        subtitle=f"{' × '.join(map(str, plan.sizes.values())) or '1'} points over {', '.join(plan.sizes) or 'nothing'}",
         badge="simulated",
         sections=[Section("Sweep", tuple(summary)), *sections],
     ).render()
@@ -81,18 +80,17 @@ def _output(values: "xr.DataArray") -> Iterator[Block]:
         columns = [Listed(n, [str(mean[n].values[p[i]]) for p in places]) for i, n in enumerate(others)]
         yield listed([*columns, Listed(title, mean.values.ravel().tolist(), unit, u=spread)])
         return
+    mean, series = mean.sortby(along), list[Series]()
     shown = display_unit(mean.values[np.isfinite(mean.values)].tolist(), unit)
     x_shown = display_unit(mean[along].values.tolist(), mean[along].attrs["units"])
     x = mean[along].values / x_shown.factor
-    order, series = np.argsort(x, kind="stable"), list[Series]()
     for place in places[:: -(-len(places) // _CURVES)]:
         own = dict(zip(others, place, strict=True))
         name = ", ".join(_text(mean[n].values[i].item(), mean[n].attrs["units"].strip("1")) for n, i in own.items())
-        series.append(Series(name or title, x[order], mean.isel(own).values[order] / shown.factor))
+        series.append(Series(name or title, x, mean.isel(own).values / shown.factor))
     labels = [f"{_read(n)}{f' / {s.text}' if s.text else ''}" for n, s in ((along, x_shown), (title, shown))]
     remarks = [f"curves: {', '.join(map(_read, others))}"] if others else []
     remarks += [f"{len(series)} of {len(places)} shown"] if len(series) < len(places) else []
     caption = "; ".join([*remarks, *(["mean of the draws"] if DRAW in values.dims else [])])
-    ratios = np.diff(np.log(x[order])) if x.min() > 0.0 else np.zeros(1)
-    is_geometric = x.size > 2 and ratios.min() > 0.0 and np.ptp(ratios) < 1e-3 * ratios.max()
+    is_geometric = x.size > 2 and x[0] > 0.0 and np.allclose(x[1:] / x[:-1], x[1] / x[0], rtol=1e-3)
     yield LineChart(title, labels[0], labels[1], series, x_scale="log" if is_geometric else "linear", caption=caption)

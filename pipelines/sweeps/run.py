@@ -16,11 +16,11 @@ import numpy as np
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.notebook import html_table
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 from labpipe.workflow import code
 from labpipe.workflow.engines import Died, Engine, choose, processors, side_by_side
 from pipelines.simulator_inputs import material
-from pipelines.sweeps.grid import DRAW, Design, axis, design
+from pipelines.sweeps.grid import DRAW, Design, design
 from pipelines.sweeps.simulators import SIMULATORS, Outputs
 
 if TYPE_CHECKING:
@@ -122,8 +122,7 @@ def sweep(
     --------
     >>> sweep("drop", "heights.nc", vary={"height": "1 mm, 5 mm, 10 mm"})  # doctest: +SKIP
     """
-    axes = [axis(simulator, name, text) for name, text in (vary or {}).items()]
-    plan = design(simulator, axes, fixed, draws=draws, seed=seed)
+    plan = design(simulator, vary or {}, fixed, draws=draws, seed=seed)
     engine = choose((jobs or processors()) if jobs != 1 else 0, cluster)
     swept = run_design(plan, out, engine, progress=progress)
     from pipelines.sweeps.page import render  # the page's kit is of no use to a worker
@@ -149,9 +148,8 @@ def run_design(
         raise UsageError(f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc")
     parts = path.with_name(f"{path.stem}.parts")
     size, identity = max(BLOCK, ceil(plan.count / MOST_BLOCKS)), code_of(plan.simulator)
-    named = {swept.name: swept.values for swept in plan.axes} | {name: (one,) for name, one in plan.fixed.items()}
     # the name of a material alone does not say what was simulated
-    solids = {str(name): material(str(name)) for name in named["material"]}
+    solids = {str(name): material(str(name)) for name in plan.axes.get("material") or [plan.fixed["material"]]}
     contents = {name: [one.E_relaxed, one.E.tolist(), one.rho.tolist(), one.nu] for name, one in solids.items()}
     blocks: dict[str, int] = {}
     for start in range(0, plan.count, size):
@@ -205,21 +203,21 @@ def code_of(simulator: str) -> str:
 def _dataset(plan: Design, outcomes: Sequence[Outcome]) -> xr.Dataset:
     import xarray as xr
 
-    simulator = SIMULATORS[plan.simulator]
+    simulator, dims, shape = SIMULATORS[plan.simulator], tuple(plan.sizes), tuple(plan.sizes.values())
     variables: dict[str, Any] = {}
     for name, (unit, text) in simulator.outputs.items():
         values = np.array([np.nan if isinstance(one, str) else one[name] for one in outcomes])
-        variables[name] = variable(plan.dims, values.reshape(plan.shape), unit, text)
+        variables[name] = variable(dims, values.reshape(shape), unit, text)
     problems = np.array([one if isinstance(one, str) else "" for one in outcomes], dtype=object)
-    text = "Why a point has no result; empty when it has"
-    variables["problem"] = variable(plan.dims, problems.reshape(plan.shape), "1", text)
-    coordinates: dict[str, Any] = {}
-    for swept in plan.axes:
-        unit, text = simulator.parameters[swept.name].unit or "1", swept.name.replace("_", " ").capitalize()
-        coordinates[swept.name] = variable(swept.name, np.array(swept.values), unit, text)
+    variables["problem"] = variable(dims, problems.reshape(shape), "1", "Why a point has no result; empty when it has")
+    coordinates: dict[str, Any] = {
+        name: variable(
+            name, np.array(values), simulator.parameters[name].unit or "1", name.replace("_", " ").capitalize()
+        )
+        for name, values in plan.axes.items()
+    }
     for name, draws in plan.drawn.items():
-        labels = described(simulator.parameters[name].unit, f"Drawn {name}")
-        coordinates[name] = (DRAW, np.array(draws), labels)
+        coordinates[name] = variable(DRAW, np.array(draws), simulator.parameters[name].unit, f"Drawn {name}")
     attributes = {
         "simulator": plan.simulator,
         "simulator_code": code_of(plan.simulator),

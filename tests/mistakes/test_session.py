@@ -27,7 +27,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """The clean session was processed as the command does it; to start processes for each edit takes longer."""
-    monkeypatch.setattr("pipelines.session._audit.process", partial(process, jobs=0))
+    monkeypatch.setattr("pipelines.session._processing.process", partial(process, jobs=0))
 
 
 def test_clean_session_has_no_row(clean: Path) -> None:

@@ -59,11 +59,6 @@ def test_the_door_opens_without_any_numerical_library() -> None:
     assert asked(code.format(heavy)) == "[]"
 
 
-def test_planning_through_the_door_needs_no_numpy(small_session: Path) -> None:
-    code = "import labpipe as lp, sys; lp.plan({!r}); print('numpy' in sys.modules)"
-    assert asked(code.format(str(small_session))) == "False"
-
-
 def test_comparing_stored_results_needs_no_compiler() -> None:
     code = (
         "import sys, pipelines.experiments.ball_drop.comparison, pipelines.experiments.harmonic.comparison;"

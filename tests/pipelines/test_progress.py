@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from pipelines.commands.progress import counted, waiting, watching
+from pipelines.commands.progress import counted, progress, watching
 from pipelines.session import process
 
 
@@ -29,9 +29,9 @@ def test_a_run_shows_steps_time_gone_and_time_left_and_leaves_stdout_alone(
     session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screen = terminal(monkeypatch)
-    with watching() as progress:
-        assert progress is not None
-        process(session_copy, only=["nbr"], full=False, jobs=0, progress=progress)
+    with watching() as seen:
+        assert seen is not None
+        process(session_copy, only=["nbr"], full=False, jobs=0, progress=seen)
     shown = screen.getvalue()
     assert "nbr: " in shown
     assert " left " in shown
@@ -55,7 +55,7 @@ def test_counted_work_shows_the_piece_and_how_many_there_are(
 
 def test_a_long_wait_says_what_for(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = terminal(monkeypatch)
-    with waiting("recording a session"):
+    with progress("recording a session"):
         pass
     assert "recording a session" in screen.getvalue()
 
@@ -64,9 +64,9 @@ def test_nothing_is_shown_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) ->
     screen = terminal(monkeypatch)
     with click.Context(click.Command("x"), obj=None) as context:
         context.meta["labpipe.json"] = True
-        with counted(3) as step, watching() as progress:
-            assert step is progress is None
+        with counted(3) as step, watching() as shown:
+            assert step is shown is None
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with counted(3) as step, watching() as progress, waiting("x"):
-        assert step is progress is None
+    with counted(3) as step, watching() as shown, progress("x"):
+        assert step is shown is None
     assert screen.getvalue() == ""

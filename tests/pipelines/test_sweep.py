@@ -15,7 +15,7 @@ from labpipe import contact, files, materials
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow.engines import choose, side_by_side
 from pipelines.commands.simulate import sweep as command
-from pipelines.sweeps import Design, axis, design, run as run_module, run_design
+from pipelines.sweeps import Design, design, run as run_module, run_design
 from pipelines.sweeps.page import render
 from pipelines.sweeps.run import Outcome
 from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
@@ -86,7 +86,7 @@ class Counting:
     ],
 )
 def test_values_of_an_axis_are_read(name: str, text: str, values: tuple[Value, ...]) -> None:
-    assert axis("drop", name, text).values == pytest.approx(values)
+    assert design("drop", {name: text}).axes[name] == pytest.approx(values)
 
 
 @pytest.mark.parametrize(
@@ -103,22 +103,20 @@ def test_values_of_an_axis_are_read(name: str, text: str, values: tuple[Value, .
 )
 def test_a_wrong_axis_is_refused(name: str, text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        axis("drop", name, text)
+        design("drop", {name: text})
 
 
 def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
     with pytest.raises(UsageError, match="radius has an uncertainty: give the number of draws"):
-        design("drop", [], {"radius": "9.5 ± 0.1 mm"})
+        design("drop", {}, {"radius": "9.5 ± 0.1 mm"})
     with pytest.raises(UsageError, match="nothing to draw: give a fixed parameter an uncertainty"):
-        design("drop", [], {"radius": "9.5 mm"}, draws=3)
+        design("drop", {}, {"radius": "9.5 mm"}, draws=3)
     with pytest.raises(UsageError, match="height is given twice"):
-        design("drop", [axis("drop", "height", "1 mm")], {"height": "2 mm"})
+        design("drop", {"height": "1 mm"}, {"height": "2 mm"})
 
 
 def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None:
-    plan = design(
-        "drop", [axis("drop", "material", "acrylic, ptfe"), axis("drop", "height", "1.5 mm, 5 mm")], {"mass": "28.2 g"}
-    )
+    plan = design("drop", {"material": "acrylic, ptfe", "height": "1.5 mm, 5 mm"}, {"mass": "28.2 g"})
     swept = run_design(plan, tmp_path / "map.nc")
     assert swept.dataset.restitution.dims == ("material", "height")
     point = swept.dataset.sel(material="ptfe", height=5e-3)
@@ -132,7 +130,7 @@ def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None
 
 def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
     """Rubber loses more in a swing at a higher frequency of its transition; glass loses little."""
-    plan = design("indent", [axis("indent", "amplitude", "2 um, 4 um")], {"hold": "10 s"})
+    plan = design("indent", {"amplitude": "2 um, 4 um"}, {"hold": "10 s"})
     found = run_design(plan, tmp_path / "work.nc").dataset
     work = found.dissipated_work.values
     assert work[1] / work[0] == pytest.approx(4.0, rel=0.05)  # quadratic while contact holds
@@ -142,7 +140,7 @@ def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
 def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(
     toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = design("toy", [axis("toy", "x", "1:40:40"), axis("toy", "y", "1:3:3")])
+    plan = design("toy", {"x": "1:40:40", "y": "1:3:3"})
     whole = run_design(plan, tmp_path / "whole.nc")
     Counting(monkeypatch, stop_after=2)
     with pytest.raises(KeyboardInterrupt):
@@ -161,7 +159,7 @@ def test_failed_points_are_told_kept_apart_and_tried_again(
     toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_module, "BLOCK", 2)
-    plan = design("toy", [axis("toy", "x", "-1, 1, 2, 3")])
+    plan = design("toy", {"x": "-1, 1, 2, 3"})
     swept = run_design(plan, tmp_path / "map.nc")
     assert swept.failed == 1
     assert np.isnan(swept.dataset["sum"].values[0])
@@ -174,7 +172,7 @@ def test_failed_points_are_told_kept_apart_and_tried_again(
 
 
 def test_draws_are_the_same_at_every_point_of_the_grid(toy: None, tmp_path: Path) -> None:
-    plan = design("toy", [axis("toy", "x", "1, 2")], {"y": "5 ± 0.5"}, draws=400, seed=3)
+    plan = design("toy", {"x": "1, 2"}, {"y": "5 ± 0.5"}, draws=400, seed=3)
     found = run_design(plan, tmp_path / "map.nc").dataset
     assert found["sum"].dims == ("x", "draw")
     np.testing.assert_allclose(found["sum"][1] - found["sum"][0], 1.0)
@@ -189,7 +187,7 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     marker.touch()
     monkeypatch.setattr(run_module, "COMPUTE", f"{__name__}:deadly")
     monkeypatch.setattr(run_module, "BLOCK", 2)
-    plan = design("toy", [axis("toy", "x", "1:20:20")], {"marker": str(marker)})
+    plan = design("toy", {"x": "1:20:20"}, {"marker": str(marker)})
     found = run_design(plan, tmp_path / "map.nc", choose(2)).dataset
     assert not marker.exists()
     lost = [number for number, text in enumerate(found["problem"].values) if "was the memory full" in str(text)]
@@ -204,7 +202,7 @@ def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> N
     library = resources.files("labpipe.materials") / "library"
     own = tmp_path / "own.toml"
     own.write_text((library / "acrylic.toml").read_text("utf-8"), "utf-8")
-    plan = design("drop", [], {"material": str(own), "rtol": "0.001"})
+    plan = design("drop", {}, {"material": str(own), "rtol": "0.001"})
     first = run_design(plan, tmp_path / "map.nc").dataset
     own.write_text((library / "ptfe.toml").read_text("utf-8"), "utf-8")
     second = run_design(plan, tmp_path / "map.nc").dataset
@@ -214,17 +212,14 @@ def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> N
 @pytest.mark.parametrize(("swept", "rises"), [("vertical_shift = 1, 1.5", 1), ("temperature = 20 degC, 60 degC", -1)])
 def test_the_state_of_a_material_can_be_mapped(swept: str, rises: int, tmp_path: Path) -> None:
     name, values = swept.split(" = ")
-    found = run_design(design("drop", [axis("drop", name, values)], {"rtol": "1e-3"}), tmp_path / "map.nc")
+    found = run_design(design("drop", {name: values}, {"rtol": "1e-3"}), tmp_path / "map.nc")
     assert found.failed == 0
     assert np.sign(np.diff(found.dataset["peak_force"].values)) == rises
 
 
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:
     plan = design(
-        "drop",
-        [axis("drop", "material", "acrylic, ptfe"), axis("drop", "height", "1 mm : 3 mm : 3")],
-        {"radius": "9.5 ± 0.1 mm"},
-        draws=4,
+        "drop", {"material": "acrylic, ptfe", "height": "1 mm : 3 mm : 3"}, {"radius": "9.5 ± 0.1 mm"}, draws=4
     )
     whole = plan.points()
     assert len(whole) == plan.count == 24
@@ -237,7 +232,7 @@ def test_points_of_any_stretch_are_those_of_the_whole() -> None:
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
-    plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 200")], {"rtol": "0.001"})
+    plan = design("drop", {"height": "1 mm : 3 mm : 200"}, {"rtol": "0.001"})
     run_design(plan, tmp_path / "one.nc")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"

@@ -13,25 +13,6 @@ from pipelines.commands.session import init as command
 from pipelines.session import Gap, checked, init, open_session, process
 from pipelines.session._gaps import filled, gaps
 
-TEXT = """[experiments.drop.sphere]
-radius = "FILL mm"  # of the sphere
-# mass = "FILL g"
-material = "FILL"
-kind = "ball_drop"
-"""
-
-
-def test_gaps_know_their_table_unit_and_remark() -> None:
-    assert list(gaps(TEXT)) == [
-        Gap(2, "drop.sphere", "radius", "mm", "of the sphere"),
-        Gap(4, "drop.sphere", "material", "", ""),
-    ]
-
-
-def test_answers_go_into_their_lines_and_open_ones_stay() -> None:
-    texts = filled({"session.toml": TEXT}, lambda gap: "9.5 ± 0.1 mm" if gap.unit else None)
-    assert texts["session.toml"] == TEXT.replace('radius = "FILL mm"', 'radius = "9.5 ± 0.1 mm"')
-
 
 @pytest.mark.parametrize(
     ("key", "unit", "answer", "written"),

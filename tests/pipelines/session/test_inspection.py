@@ -76,7 +76,7 @@ def test_a_folder_says_of_each_file_what_it_is(tmp_path: Path) -> None:
     text = repr(found)
     assert "table of sample 3, 40 … 40 °C, 0.1 … 10 Hz" in text
     assert "notes.md   " in text
-    assert "not known" in text
+    assert "no instrument recognises the content" in text
     (tmp_path / "none").mkdir()
     with pytest.raises(SourceError):
         inspect(tmp_path / "none")

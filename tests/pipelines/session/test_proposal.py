@@ -17,7 +17,7 @@ from labpipe.errors import ConfigError, UsageError
 from labpipe.materials import modulus_factor
 from pipelines.experiments import KINDS
 from pipelines.experiments.dma.proposal import mode_line
-from pipelines.experiments.shared.proposals import height_line, material_word, without_repeat
+from pipelines.experiments.shared.proposals import height_line
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import describe, init, open_session, survey
@@ -264,19 +264,6 @@ def test_the_mode_of_a_rheometer_is_proposed_from_its_name_or_its_headings(
 
 
 @pytest.mark.parametrize(
-    ("name", "stem"),
-    [
-        ("laser/drop_r1.csv", "laser/drop"),
-        ("acrylic_7mm_rep3.csv", "acrylic_7mm"),
-        ("rubber_2.csv", "rubber"),  # its last letter is not the r of a repeat
-        ("run1.csv", "run1"),
-    ],
-)
-def test_repeats_are_told_by_their_last_number(name: str, stem: str) -> None:
-    assert without_repeat(name) == stem
-
-
-@pytest.mark.parametrize(
     ("name", "height"),
     [
         ("laser/acrylic_1p5mm_2.csv", "1.5 mm"),
@@ -288,13 +275,6 @@ def test_repeats_are_told_by_their_last_number(name: str, stem: str) -> None:
 )
 def test_the_height_is_proposed_where_a_name_tells_one_length(name: str, height: str) -> None:
     assert height_line(name).startswith(f'height = "{height}"')
-
-
-@pytest.mark.parametrize(
-    ("name", "known"), [("Acryl 1,5 mm", "acrylic"), ("acrylate rubber", None), ("PA6_10mm", "nylon")]
-)
-def test_the_polymer_is_known_by_what_laboratories_call_it(name: str, known: str | None) -> None:
-    assert material_word(name) == known
 
 
 def test_one_odd_file_never_stops_a_scan_and_keeps_its_advice(pile: Path) -> None:

@@ -3,8 +3,6 @@
 import json
 import math
 import shutil
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -21,8 +19,7 @@ from pipelines.commands.results import trend as command
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
-from pipelines.session._catalogue_page import CATALOGUE
-from pipelines.session._control_chart import control_charts
+from pipelines.session._trend import control_charts
 
 MONTHS = 10
 
@@ -74,9 +71,11 @@ def test_the_command_writes_its_page_and_that_of_the_catalogue(pristine_session:
         shutil.copytree(pristine_session, tmp_path / name)
     with pytest.raises(InputError, match="no quantity was measured on two days"):
         lp.trend(tmp_path)  # both copies are of one day
-    with closing(sqlite3.connect(tmp_path / CATALOGUE)) as catalogue:
-        catalogue.execute("UPDATE experiments SET recorded = '2024-06-14' WHERE session = 'june'")
-        catalogue.commit()
+    kept = tmp_path / "june/labpipe/store/catalogue.json"
+    rows = files.unseal(kept.read_bytes())
+    for cells, _ in rows["experiments"]:
+        cells["recorded"] = "2024-06-14"
+    kept.write_bytes(files.seal(rows))
     ran = CliRunner().invoke(command, [str(tmp_path), "--json"])
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
