@@ -61,7 +61,7 @@ _STAGES = (
     ),
     judged(
         "plate_vibration",
-        ("readings", "displacement", "ringing", "table", "plate", "model", "comparison"),
+        ("readings", "displacement", "ringing", "table", "plate", "comparison"),
         rests_on=("drops.material_from",),
     ),
     reported("plate_vibration", ("readings", "displacement", "ringing", "table", "plate", "comparison")),
