@@ -185,7 +185,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
         near &= np.abs(at - hold.end) < max(hold.end - hold.begin, 0.1)
         misfit.append(float(np.sqrt(np.mean(rest[near] ** 2))))
     of_filter = np.abs(peaks[-1] - peaks[0]) / np.sqrt(3.0)
-    u_peak = np.sqrt([systematic(loads, p) ** 2 for p in peaks[0]] + np.square(misfit) + of_filter**2)
+    u_peak = np.sqrt(np.square([systematic(loads, p) for p in peaks[0]]) + np.square(misfit) + of_filter**2)
     return xr.Dataset(
         {
             "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus, fitted to the force"),

@@ -261,7 +261,8 @@ def stated_twice(
         yield stated("frame rate stated", text, "doubtful" if is_other else "note", cause=cause, setting="frame_rate")
     if exposure is None or not (said.get("exposure") or "time" in found):
         return
-    own, given, level = said.get("exposure"), quantity(exposure.value, "s"), None
+    own, given = said.get("exposure"), quantity(exposure.value, "s")
+    level: Level | None = None
     cause = "exposure is not that of this film, or its unit is wrong"
     if own:  # of the shutter: a flash is shorter, nothing is longer
         text = f"{film}: the shutter was open for {quantity(own, 's')}; session.toml says exposure = {given}, which is "
