@@ -208,8 +208,8 @@ def tests(
         count = part.sizes["ramp"]
         names += [Path(file).stem + (f", ramp {i + 1}" if count > 1 else "") for i in range(count)]
         kept = [n for n in part.data_vars if part[n].dims == ("ramp",)]
-        tables.append(part[kept].drop_vars(part.coords))
-    made = xr.concat(tables, "ramp", data_vars="minimal", join="outer")
+        tables.append(part[kept].drop_vars("ramp", errors="ignore"))
+    made = xr.concat(tables, "ramp", data_vars="minimal", coords="minimal", compat="override", join="outer")
     made = made.rename(ramp="test").assign_coords(test=np.arange(1, len(names) + 1))
     made.attrs = {"names": json.dumps(names)}
     if "reduced_modulus" in made:
