@@ -142,8 +142,10 @@ def _fitting(found: Found, names: Sequence[str], days: Sequence[date], seen: str
         except (OSError, ValueError):
             continue
         first, last = values.get("valid_from"), values.get("valid_until")
-        is_known = isinstance(first, date) and isinstance(last, date)
-        if seen in (None, values.get("view")) and (not is_known or all(first <= day <= last for day in days)):
+        is_valid = True
+        if isinstance(first, date) and isinstance(last, date):
+            is_valid = all(first <= day <= last for day in days)
+        if is_valid and seen in (None, values.get("view")):
             return name
     return None
 
