@@ -93,7 +93,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
         inside = (place >= 0) & (place < edges.size - 1)
         bins = pd.DataFrame({"time": since[inside], "force": force[inside]}).groupby(place[inside])
         mean, count = bins.mean(), bins.size()
-        u = _u_of_means(loads, hold, count.to_numpy())
+        u = _u_of_means(loads, hold, np.asarray(count, np.int64))
         table[:, i, count.index] = mean["force"], u, mean["time"], bins["time"].std(ddof=0)
     kept = np.isfinite(table[0]).any(axis=0)
     lag = np.sqrt(edges[1:] * edges[:-1])[kept]
