@@ -29,7 +29,7 @@ def _label(tests: xr.Dataset | None, number: int) -> str:
 def _details(
     settings: Relaxation, tests: xr.Dataset | None = None, ramps: Sequence[xr.Dataset] | None = None
 ) -> list[tuple[str, str, str]]:
-    rows = []
+    rows = list[tuple[str, str, str]]()
     for name, title, remark in (
         ("mean_relaxed_modulus", "relaxed modulus", "in tension, from the plateaus of all tests"),
         ("mean_reduced_modulus", "relaxed reduced modulus", "E/(1 − ν²), from the plateaus of all tests"),

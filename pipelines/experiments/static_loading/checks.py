@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import hypot, log, log10, nan, sqrt
 
 import numpy as np
@@ -189,6 +190,12 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
         found = minimize_scalar(change, bounds=(low, high), method="bounded", options=options)
         return float(found.fun), float(found.x)
 
+    def with_load(which: Flags, decade: float) -> float:
+        return misfit(np.where(which, 10.0**decade, force), readings)
+
+    def drifted(share: Floats, by: float) -> float:
+        return misfit(force, readings - by * share)
+
     freed: list[tuple[float, str, str]] = []
     extent, gravity, others = 0.3 * float(np.ptp(readings)), settings.model.gravity.value, np.arange(force.size)
     for i, load in enumerate(settings.loads):
@@ -196,10 +203,10 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
         high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
         which, share = others == i, np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
         at, mass = (log10(low), log10(high)), f"{load.mass.value:g} kg"
-        left, decade = freed_by(lambda x, which=which: misfit(np.where(which, 10.0**x, force), readings), *at)
+        left, decade = freed_by(partial(with_load, which), *at)
         said = f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {mass}: all others fit the record then"
         freed.append((left, f"{said} (loads in session.toml)", f"loads[{i}].mass"))
-        left, way = freed_by(lambda x, share=share: misfit(force, readings - x * share), -extent, extent)
+        left, way = freed_by(partial(drifted, share), -extent, extent)
         said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({mass}) was held: the "
         freed.append((left, f"{said}temperature changed, or the stand settled", ""))
     noise = float(steps["noise"]) ** 2 * used.size
