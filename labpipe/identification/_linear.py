@@ -15,13 +15,13 @@ from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Fuller, Group, LinearModel
 
 
-def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float) -> Floats:
+def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float, *, may_recede: bool = False) -> Floats:
     """Return the force of a growing contact per Pa of each term of the relaxation modulus.
 
     ``time`` (sample,) [s]: Not falling. ``area`` (sample,) [m2]: Elastic force over reduced modulus, not falling;
     linear between samples, 0 before. ``rho`` (term,) [s]: Relaxation times. ``nu``: Poisson's ratio: reduced moduli
-    are E/(1 - nu^2). Returns (sample, 1 + term) [N/Pa]: The first column is that of E_relaxed. Raises InputError:
-    Time or contact go back.
+    are E/(1 - nu^2). ``may_recede``: The contact may recede a little, which is close enough for an uncertainty. Returns
+    (sample, 1 + term) [N/Pa]: The first column is that of E_relaxed. Raises InputError: Time or contact go back.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float) -> Float
     [2.0, 0.7358]
     """
     step, growth = np.diff(time), np.diff(area)
-    if np.any(step < 0.0) or np.any(growth < 0.0):
+    if np.any(step < 0.0) or (np.any(growth < 0.0) and not may_recede):
         raise InputError("time or contact decrease: Lee and Radok's integral needs a growing contact")
     x = step[:, None] / rho
     decay = np.exp(-x)

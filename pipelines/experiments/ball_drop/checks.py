@@ -28,7 +28,6 @@ _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
 _FINE = 2.0  # standard uncertainties within which a record is in order where another is not
 _FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
-_SMEARED = (HEIGHT, fall_checks.DURATION)
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
@@ -118,7 +117,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
 def _of_fall(
     fall: Fall, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
 ) -> list[Check]:
-    """Evaluate all redundancies of one recording; lost rows, or an averaging controller, explain their effects."""
+    """Evaluate all redundancies of one recording; lost rows explain their effects."""
     gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
     modulus = 1e9 if stiffness is None else stiffness[0]
     sag = float((0.75 * mass * gravity.value / (modulus * np.sqrt(radius))) ** (2 / 3))  # Hertz, under the weight
@@ -135,10 +134,9 @@ def _of_fall(
         cause = "the excluded readings hide an impact, so that those after it are counted wrong: exclude the recording"
         checks = judgements.because(checks, cause, "durations of the flights", file=fall.name)
     checks = fall_checks.backwards(checks)
-    blamed = {record_checks.SINGLE_ROWS: {c.name for c in checks}, record_checks.SMOOTHED: _SMEARED}
     for wrong in of_traces:
-        if wrong.level and wrong.file == fall.name and wrong.name in blamed:
-            checks = judgements.because(checks, wrong.cause, *blamed[wrong.name], file=fall.name)
+        if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
+            checks = judgements.because(checks, wrong.cause, *(c.name for c in checks), file=fall.name)
     return checks
 
 

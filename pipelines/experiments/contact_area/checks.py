@@ -18,10 +18,19 @@ from pipelines.experiments.contact_area.measured import READ, brightness, edges_
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
-from pipelines.experiments.shared.film_frames import CAUSES, explained, frame_times, no_copies, sound_frames, whole_film
-from pipelines.experiments.shared.film_light import exposed, lit
-from pipelines.experiments.shared.film_stated import stated_twice, wrong_rate
-from pipelines.experiments.shared.frame_order import in_order
+from pipelines.experiments.shared.film_checks import (
+    CAUSES,
+    explained,
+    exposed,
+    frame_times,
+    in_order,
+    lit,
+    no_copies,
+    sound_frames,
+    stated_twice,
+    whole_film,
+    wrong_rate,
+)
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of

@@ -19,9 +19,8 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import about_contacts, film_of, key_frames, recorded_on, repeated, thinned
-from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
-from pipelines.experiments.shared.film_stated import said_by_file
+from pipelines.experiments.shared.film_checks import DARK, LIGHT, about_contacts, light_of, repeated, said_by_file
+from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
 STILL = 20e-3  # s of contact after which it is rest, not an impact
 WINDOW = 3e-3  # s around the largest radius in which film and model are compared

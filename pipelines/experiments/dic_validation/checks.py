@@ -18,10 +18,18 @@ from pipelines.experiments.dic_validation.measured import statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
-from pipelines.experiments.shared.film_frames import CAUSES, explained, frame_times, no_copies, sound_frames, whole_film
-from pipelines.experiments.shared.film_light import exposed
-from pipelines.experiments.shared.film_stated import stated_twice, wrong_rate
-from pipelines.experiments.shared.frame_order import in_order
+from pipelines.experiments.shared.film_checks import (
+    CAUSES,
+    explained,
+    exposed,
+    frame_times,
+    in_order,
+    no_copies,
+    sound_frames,
+    stated_twice,
+    whole_film,
+    wrong_rate,
+)
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 

@@ -22,9 +22,8 @@ from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
-from pipelines.experiments.shared.film_light import light_of
-from pipelines.experiments.shared.film_stated import said_by_file
 
 _LARGEST_BODY = 201  # px; its noise is a thousandth of a pixel, and larger ones cost more
 _MOST_STATIC = 64  # frames in the reference: noise within 1 % of that of endless many

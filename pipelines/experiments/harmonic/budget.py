@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.budget_quantity import TESTS, Quantity
-from pipelines.experiments.shared.ramps_and_holds import relative_gain
+from pipelines.experiments.shared.mach1_readings import relative_gain
 
 
 def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity]:

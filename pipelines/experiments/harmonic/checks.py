@@ -1,4 +1,4 @@
-"""Whether a harmonic indentation can be believed: commands, columns, cell, punch and phase."""
+"""Checks of a harmonic indentation: commands, columns, cell, punch and phase."""
 
 import numpy as np
 import xarray as xr
@@ -11,10 +11,10 @@ from pipelines.experiments.shared import judgements, mach1_checks, mach1_reading
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.mach1_checks import NO_TOUCH, OF_LOADS, Tested, of_tests
+from pipelines.experiments.shared.mach1_readings import relative_gain
 from pipelines.experiments.shared.model_inputs import inputs_of
-from pipelines.experiments.shared.punch_checks import NO_TOUCH, OF_LOADS, Tested, of_tests
 from pipelines.experiments.shared.punch_model import TOUCH
-from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _FAILED = {
     "loads": OF_LOADS,

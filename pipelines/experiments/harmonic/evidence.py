@@ -11,7 +11,7 @@ from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
 from pipelines.experiments.harmonic.model import fitted_waves
 from pipelines.experiments.harmonic.settings import Harmonic
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
 from pipelines.experiments.shared.punch_model import elastic_force
@@ -30,6 +30,7 @@ def evidence(
     shared = of_punch(settings, loads, float(mean.max()), file, fitted)
     if isinstance(shared, str):
         return shared
+    geometry, unknowns = shared
     if mean.min() <= 0.0:
         return "an oscillation lies above first touch"
     frequency = waves["frequency"].values
@@ -37,7 +38,7 @@ def evidence(
     omega = 2.0 * np.pi * frequency
 
     def slope(shift: float) -> Floats:
-        ends = [elastic_force(mean - shift + s * SHIFT, shared.geometry) for s in (1, -1)]
+        ends = [elastic_force(mean - shift + s * SHIFT, geometry) for s in (1, -1)]
         return np.asarray((ends[0] - ends[1]) / (2.0 * SHIFT))
 
     storage, loss, by_phase = _stiffness(loads, waves)
@@ -50,7 +51,7 @@ def evidence(
 
     def fuller(material: Prony, given: Any) -> Floats:
         """Return the stiffness of the whole simulated file: finite amplitude, edges that come and go."""
-        made = shared.geometry.pressed(material, time[kept], (depth - given[zero.name])[kept])
+        made = geometry.pressed(material, time[kept], (depth - given[zero.name])[kept])
         fits = fitted_waves(loads, waves, material, np.interp(time, time[kept], made["force"].values))
         return np.concatenate([[getattr(f, f"{part}_stiffness") for f in fits] for part in ("storage", "loss")])
 
@@ -62,15 +63,15 @@ def evidence(
             loss,
             here,
             rho,
-            shared.nu,
+            geometry.nu,
             slope_by={zero.name: by_zero},
-            factors=shared.factors,
+            factors=tuple(unknown.name for unknown in unknowns),
             offsets={p.name: by_phase for p in late},
             fuller=fuller,
         )
 
     return MaterialEvidence(
-        shared.nu, (1.0 / float(omega.max()), 1.0 / float(omega.min())), (*shared.unknowns, zero, *late), build
+        geometry.nu, (1.0 / float(omega.max()), 1.0 / float(omega.min())), (*unknowns, zero, *late), build
     )
 
 
@@ -85,7 +86,7 @@ def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floa
     u_phase = np.array([lag.u_phase if lag else 0.0 for lag in lags])
     by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
     u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
-    of_gain = ramps_and_holds.relative_gain(loads) * np.concatenate([storage, loss])
+    of_gain = mach1_readings.relative_gain(loads) * np.concatenate([storage, loss])
     least = _LEAST_OF_STIFFNESS * np.tile(np.hypot(storage, loss), 2)
     own = np.sqrt(np.maximum(u**2 - by_phase**2 - of_gain**2, least**2))
     return (storage, own[: storage.size]), (loss, own[storage.size :]), by_phase

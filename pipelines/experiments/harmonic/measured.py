@@ -12,7 +12,7 @@ from labpipe.errors import InputError
 from labpipe.signals import common_fit, quantisation_step
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings
 
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
@@ -75,11 +75,7 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     InputError
         There is no such block, or one holds fewer than two whole cycles after the transient.
     """
-    functions = list(map(str, loads["function"].values))
-    blocks = [i for i, name in enumerate(functions) if name == settings.function]
-    if not blocks:
-        known = ", ".join(sorted(set(functions)))
-        raise InputError(f"the file holds no {settings.function} block; its blocks are: {known}")
+    blocks = mach1_readings.blocks_of(loads, settings.function)
     declared, touch = mach1_readings.declared_filter(loads), mach1_readings.first_touch(loads, settings.contact)
     rows = [_oscillation(loads, block, settings.cycles.skip) for block in blocks]
     made = xr.Dataset(
@@ -127,7 +123,7 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     fit = common_fit(time[used], position[used], force[used], window.frequency, response=passed, resolutions=steps)
     x, f, storage, loss = fit.position, fit.force, fit.storage_stiffness, fit.loss_stiffness
     u_filter = (lag.u_gain / lag.gain, lag.u_phase) if lag else (0.0, 0.0)
-    u_gain = float(np.hypot(u_filter[0], ramps_and_holds.relative_gain(loads)))
+    u_gain = float(np.hypot(u_filter[0], mach1_readings.relative_gain(loads)))
     u_phase = float(np.hypot(fit.u_phase_lag, u_filter[1]))
     noise = float(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude))
     u_storage, u_loss = _u_of_stiffness(complex(storage, loss), float(np.hypot(noise, u_gain)), u_phase)

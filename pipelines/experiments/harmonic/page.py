@@ -19,34 +19,26 @@ from labpipe.report import (
     number,
     value_with_uncertainty,
 )
-from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.judgements import capitalised
-from pipelines.experiments.shared.punch_sections import measured, simulated_by, summary
-from pipelines.experiments.shared.reports import Report, budgets, is_there
+from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
+from pipelines.experiments.shared.reports import Report, budgets, is_there, summary
 
 _UM = 1e6
 
 
-def _summary(
-    settings: Harmonic, context: Context, oscillations: xr.Dataset | None = None, comparison: xr.Dataset | None = None
-) -> Section:
-    rows, lost = list[tuple[str, str, str]](), list[str]()
+def _details(settings: Harmonic, oscillations: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
+    rows = list[tuple[str, str, str]]()
     if oscillations is not None:
         frequency = oscillations["frequency"].values
         rows.append(("frequencies", ", ".join(f"{f:.4g}" for f in frequency), "Hz, fitted"))
-        for at in (0, -1):
-            shown = pages.told(oscillations, "work_per_cycle", at)
-            rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
-        how = oscillations.attrs["contact"]
-        if np.isfinite(float(oscillations["contact_position"])):
-            rows.append(("first touch", pages.told(oscillations, "contact_position"), how))
-        else:
-            lost.append(how)
-    return summary(settings, context, rows, None if comparison is None else comparison["nrmse"].values, lost)
+        is_found = np.isfinite(float(oscillations["contact_position"]))
+        touch = pages.told(oscillations, "contact_position") if is_found else "not found"
+        rows.append(("first touch", touch, oscillations.attrs["contact"]))
+    return rows + without_model(settings)
 
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -72,14 +64,12 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
     if declared is not None:
         lag = np.degrees(oscillations["filter_phase"].values)
         known = json.loads(oscillations.attrs.get("filter_delay", "null"))
-        source = (
-            "assuming a causal Butterworth filter; the uncertainty covers the other usual types, "
-            "and shrinks if the load cell's record states a filter_delay"
-            if known is None
-            else f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
-        )
-        low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
-        text = f"{low_pass} delays the force by {lag.min():.1f} to {lag.max():.1f}°. This was removed, {source}."
+        how = "assuming a causal Butterworth filter; the uncertainty covers the other usual types, and shrinks if the "
+        how += "load cell's record states a filter_delay"
+        if known is not None:
+            how = f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
+        text = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz) delays the force by "
+        text += f"{lag.min():.1f} to {lag.max():.1f}°. This was removed, {how}."
         notes.append(Notice("info", text))
     waves = [
         pages.column(oscillations, f"{of}harmonic_{n}", f"{name} harmonic of the {signal} / %", 100)
@@ -220,7 +210,10 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
 page = Report(
     "Harmonic indentation",
     ("readings", "loads", "oscillations", "loops", "model", "theory", "comparison"),
-    (_summary, measured, _frequencies, _stiffness, _dissipation, _curves, _loops, budgets(quantities), _methods),
+    (
+        summary(compared_rows, _details), measured, _frequencies, _stiffness, _dissipation, _curves, _loops,
+        budgets(quantities), _methods,
+    ),
     compared_rows,
     counts={"model": is_there, "comparison": is_there},
-)
+)  # fmt: skip

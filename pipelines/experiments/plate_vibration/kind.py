@@ -53,9 +53,7 @@ _STAGES = (
         "",
         "measurement against the fitted plate",
     ),
-    judged(
-        "plate_vibration", "readings displacement ringing table plate model comparison", rests_on="drops.material_from"
-    ),
+    judged("plate_vibration", "readings displacement ringing table plate comparison", rests_on="drops.material_from"),
     reported("plate_vibration", "readings displacement ringing table plate comparison"),
 )
 

@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +66,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     mass, substrate = np.inf, None
 
     def heard(i: int, solid: Prony) -> float:
-        return _heard(settings, solid, settings.drops[i].height.value, substrate, frequency, zeta)[0]
+        return _Drop(settings, solid, settings.drops[i].height.value).heard(substrate, frequency, zeta)[0]
 
     for _ in range(_ROUNDS):
         substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
@@ -151,58 +151,58 @@ def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> tuple[F
     return own / amplitude, by_height
 
 
-def _heard(
-    settings: PlateVibration,
-    solid: Prony,
-    height: float,
-    substrate: contact.Plate | None,
-    frequency: float,
-    zeta: float,
-) -> tuple[float, float]:
-    """Momentum [N s] that the plate listens to, and the time [s] from first touch to the blow of no duration.
+@dataclass(frozen=True, slots=True)
+class _Drop:
+    """A drop of the sphere, of one solid from a height [m]."""
 
-    A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
-    its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
-    """
-    fall = float(np.sqrt(2 * height / settings.model.gravity.value))
-    times = np.arange(fall, fall + _COVERED, _FINE)
-    made = _dropped(settings, solid, height, substrate, times, settings.model.rtol)
-    s, force = times - fall, made["force"].values
-    omega = 2 * np.pi * frequency
-    rate, damped = zeta * omega, omega * np.sqrt(1 - zeta**2)
-    whole = np.trapezoid(force * np.exp((rate - 1j * damped) * s), s)
-    blow = float(-np.angle(whole) / damped)
-    return float(np.abs(whole) * np.exp(-rate * blow)), blow
+    settings: PlateVibration
+    solid: Prony
+    height: float
 
+    @property
+    def fall(self) -> float:
+        """Time from the release to first touch [s]."""
+        return float(np.sqrt(2 * self.height / self.settings.model.gravity.value))
 
-def _dropped(
-    settings: PlateVibration,
-    solid: Prony,
-    height: float,
-    plate: contact.Plate | None,
-    times: Floats,
-    rtol: float,
-    *,
-    full: bool = False,
-) -> xr.Dataset:
-    """Simulate one drop of the sphere up to the last of the times (time,) [s]."""
-    if settings.sphere is None:
-        raise InputError("the experiment names no sphere; the momentum of an impact needs mass and radius")
-    return contact.drop(
-        solid,
-        settings.sphere.radius.value,
-        settings.sphere.mass.value,
-        height,
-        float(times[-1]),
-        settings.model.solver,
-        settings.model.profile,
-        rtol,
-        gravity=settings.model.gravity.value,
-        plate=plate,
-        substrate=counter_body_of(settings.counter_body),
-        times=times,
-        full=full,
-    )
+    def simulated(self, plate: contact.Plate | None, times: Floats, rtol: float, *, full: bool = False) -> xr.Dataset:
+        """Simulate it up to the last of the times (time,) [s]."""
+        sphere, chosen = self.settings.sphere, self.settings.model
+        if sphere is None:
+            raise InputError("the experiment names no sphere; the momentum of an impact needs mass and radius")
+        return contact.drop(
+            self.solid,
+            sphere.radius.value,
+            sphere.mass.value,
+            self.height,
+            float(times[-1]),
+            chosen.solver,
+            chosen.profile,
+            rtol,
+            gravity=chosen.gravity.value,
+            plate=plate,
+            substrate=counter_body_of(self.settings.counter_body),
+            times=times,
+            full=full,
+        )
+
+    def heard(self, plate: contact.Plate | None, frequency: float, zeta: float) -> tuple[float, float]:
+        """Momentum [N s] that the plate listens to, and the time [s] from first touch to the blow of no duration.
+
+        A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
+        its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
+        """
+        times = np.arange(self.fall, self.fall + _COVERED, _FINE)
+        s, force = times - self.fall, self.simulated(plate, times, self.settings.model.rtol)["force"].values
+        omega = 2 * np.pi * frequency
+        rate, damped = zeta * omega, omega * np.sqrt(1 - zeta**2)
+        whole = np.trapezoid(force * np.exp((rate - 1j * damped) * s), s)
+        blow = float(-np.angle(whole) / damped)
+        return float(np.abs(whole) * np.exp(-rate * blow)), blow
+
+    def seen(self, plate: contact.Plate, time: Floats, rtol: float, *, full: bool) -> Floats:
+        """Return the displacement of the plate [m] at times since the blow."""
+        start = self.fall + self.heard(plate, plate.frequency, plate.damping_ratio)[1]
+        return np.asarray(-self.simulated(plate, time + start, rtol, full=full)["plate_displacement"].values)
 
 
 def model(
@@ -226,41 +226,18 @@ def model(
         )
     found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
     time = np.arange(-_BEFORE, _AFTER, _STEP)
-    best, u = np.full((2, table.sizes["series"], time.size + 1), np.nan)
+    best, u = np.full((2, table.sizes["series"], time.size), np.nan)
     masses = dict(zip(of_solids(plate), plate["solid_mass"].values, strict=True)) if of_solids(plate) else {}
     for i, solid in _known(settings, fitted).items():
-        height = settings.drops[i].height.value
-        best[i] = _seen(settings, solid.best, height, found, time, settings.model.rtol, full=full)
-        coarse = max(settings.model.rtol, _COARSE)
-        reference = _seen(settings, solid.best, height, found, time, coarse, full=full)
+        height, coarse = settings.drops[i].height.value, max(settings.model.rtol, _COARSE)
+        drop = _Drop(settings, solid.best, height)
+        best[i] = drop.seen(found, time, settings.model.rtol, full=full)
+        reference = drop.seen(found, time, coarse, full=full)
         u[i] = 0.0
         for name, (given, change, other) in solid.uncertain.items():
             moved = replace(found, mass=mass + float(masses[name]) * change)
-            off = _seen(settings, other, height, moved, time, coarse, full=full) - reference
+            off = _Drop(settings, other, height).seen(moved, time, coarse, full=full) - reference
             u[i] = np.hypot(u[i], off / change * given.u)
     made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
-    for name, dims, at, units, text in (
-        ("displacement", ("series", "time"), slice(None, -1), "m", "simulated displacement of the plate"),
-        ("second_touch", "series", -1, "s", "time from the blow to the second touch"),
-    ):
-        made = made.assign(with_u(name, dims, best[:, at], u[:, at], units, text, "by the solids"))
-    return made
-
-
-def _seen(
-    settings: PlateVibration,
-    solid: Prony,
-    height: float,
-    found: contact.Plate,
-    time: Floats,
-    rtol: float,
-    *,
-    full: bool,
-) -> Floats:
-    """Return the displacement [m] at times since the blow, and after them the second touch [s]; NaN for none."""
-    _, blow = _heard(settings, solid, height, found, found.frequency, found.damping_ratio)
-    start = float(np.sqrt(2 * height / settings.model.gravity.value)) + blow
-    made = _dropped(settings, solid, height, found, time + start, rtol, full=full)
-    touches = made["impact_time"].values
-    again = float(touches[1]) - start if touches.size > 1 else np.nan
-    return np.append(-made["plate_displacement"].values, again)
+    text = "simulated displacement of the plate"
+    return made.assign(with_u("displacement", ("series", "time"), best, u, "m", text, "by the solids"))

@@ -7,7 +7,7 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.shared.budget_quantity import MEASURED, TESTS, Quantity, model_quantity
-from pipelines.experiments.shared.ramps_and_holds import relative_gain
+from pipelines.experiments.shared.mach1_readings import relative_gain
 
 
 def quantities(loads: Sequence[xr.Dataset], curves: Sequence[xr.Dataset]) -> Iterator[Quantity]:

@@ -1,6 +1,6 @@
 """Comparison of relaxation tests with the model: force in the ramp, early, late; plateau."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -8,9 +8,10 @@ import xarray as xr
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
 from labpipe.variables import from_rows, with_u
+from pipelines.experiments.relaxation.measured import Hold, find
 from pipelines.experiments.relaxation.model import SLOPES
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import (
     FORCE_SCALE,
     STIFFNESS,
@@ -22,7 +23,6 @@ from pipelines.experiments.shared.comparison_rows import (
 )
 from pipelines.experiments.shared.model_inputs import INPUTS, inputs_of
 from pipelines.experiments.shared.punch_model import laid_along
-from pipelines.experiments.shared.ramps_and_holds import Hold
 
 _PARTS = ("ramp", "early", "late")
 _COUNT = 4  # stretches of each
@@ -42,7 +42,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     # the uncertainty is one error in common: it passes the filter as a force
     passed, u_passed = (mach1_readings.passed(loads, model[n].values) for n in ("force", "u_force"))
     measured, rows, agreed = loads["force"].values, [], []
-    for number, hold in enumerate(ramps_and_holds.find(loads)):
+    for number, hold in enumerate(find(loads)):
         at, theirs, gap = ramps.isel(ramp=number), passed[hold.rows], (measured - passed)[hold.rows]
         time = loads["time"].values[hold.rows]
         late = time >= float(at["plateau_begin"])
@@ -96,25 +96,27 @@ def _stretches(hold: Hold, time: Floats, begin: float, end: float) -> list[Integ
     return np.split(hold.rows.start + inside, np.searchsorted(time[inside], at))
 
 
-def rows(tests: xr.Dataset) -> Iterator[Row]:
+def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | None]) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where nothing is simulated."""
-    if "nrmse_all" not in tests:
-        return
-    inputs = inputs_of(tests)
-    for i in range(tests.sizes["test"]):
-        condition = f"{float(tests['depth'][i]) * 1e3:.2g} mm"
-        for part in _PARTS:
-            nrmse, bias = tests[f"nrmse_{part}"][i], tests[f"bias_{part}"][i]
-            told = of_curve(tests.isel(test=i), f"curve_{part}")
-            yield row(f"force, {part}", "N", 1, condition=condition, nrmse=nrmse, difference=bias, **told)
-        yield row(
-            "plateau force",
-            "N",
-            1,
-            slopes={FORCE_SCALE: float(tests["plateau_force"][i]), STIFFNESS: -float(tests["plateau_force_model"][i])}
-            | {name: -float(slope) for name, slope in zip(inputs, tests[SLOPES].values[i], strict=True)},
-            condition=condition,
-            measured=with_its_u(tests, "plateau_force", i),
-            model=with_its_u(tests, "plateau_force_model", i),
-            difference=with_its_u(tests, "plateau_force_difference", i),
-        )
+    for table, compared in zip(ramps, comparison, strict=True):
+        if table is None or compared is None or "nrmse_all" not in compared:
+            continue
+        inputs = inputs_of(compared)
+        for i in range(table.sizes["ramp"]):
+            condition = f"{float(table['depth'][i]) * 1e3:.2g} mm"
+            for part in _PARTS:
+                nrmse, bias = compared[f"nrmse_{part}"][i], compared[f"bias_{part}"][i]
+                told = of_curve(compared.isel(ramp=i), f"curve_{part}")
+                yield row(f"force, {part}", "N", 1, condition=condition, nrmse=nrmse, difference=bias, **told)
+            seen, simulated = with_its_u(table, "plateau_force", i), with_its_u(compared, "plateau_force_model", i)
+            yield row(
+                "plateau force",
+                "N",
+                1,
+                slopes={FORCE_SCALE: float(seen[0]), STIFFNESS: -float(simulated[0])}
+                | {name: -float(slope) for name, slope in zip(inputs, compared[SLOPES].values[i], strict=True)},
+                condition=condition,
+                measured=seen,
+                model=simulated,
+                difference=with_its_u(compared, "plateau_force_difference", i),
+            )

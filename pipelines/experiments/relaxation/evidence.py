@@ -9,11 +9,13 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, LinearModel, Parameter, force_evidence, lee_radok_basis
+from pipelines.experiments.relaxation.measured import find
 from pipelines.experiments.relaxation.moduli import elastic_area
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, PunchEvidence, of_punch
+from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
+from pipelines.experiments.shared.punch_model import Geometry
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
@@ -39,7 +41,7 @@ def evidence(
         if isinstance(shared, str):
             return shared
         label = name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
-        parts.append((shared, *_of_file(label, loads[number], found, curves[number], shared)))
+        parts.append((shared[0].nu, *_of_file(label, loads[number], found, curves[number], *shared)))
     unknowns = [unknown for _, _, own, _ in parts for unknown in own]
     lags = np.concatenate([lag for _, lag, _, _ in parts])
 
@@ -52,11 +54,16 @@ def evidence(
             name, groups, LinearModel.stacked([one.model for one in each if isinstance(one.model, LinearModel)])
         )
 
-    return MaterialEvidence(parts[0][0].nu, (float(lags.min()), float(lags.max())), tuple(unknowns), joined)
+    return MaterialEvidence(parts[0][0], (float(lags.min()), float(lags.max())), tuple(unknowns), joined)
 
 
 def _of_file(
-    label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset, shared: PunchEvidence
+    label: str,
+    loads: xr.Dataset,
+    ramps: xr.Dataset,
+    curves: xr.Dataset,
+    geometry: Geometry,
+    unknowns: Sequence[Parameter],
 ) -> tuple[Floats, list[Parameter], Callable[[Floats], Evidence]]:
     """Return times [s], unknowns and the evidence, for relaxation times, of the ramps and holds of one file.
 
@@ -75,7 +82,7 @@ def _of_file(
     delay = mach1_readings.filter_delay(loads)
     # the file's time (number,) at which the stage arrived from every number's ramp
     clock, time = mach1_readings.clock(loads), loads["time"].values
-    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in ramps_and_holds.find(loads)]
+    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in find(loads)]
     at = np.array(begins)[np.nonzero(kept)[0]] + lag - delay.value
     places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
     # the history of the contact, which no choice of relaxation times changes
@@ -84,13 +91,12 @@ def _of_file(
     grid = np.union1d(clock[told], places)
     rows = np.searchsorted(grid, places)
     areas = [
-        np.interp(grid, clock[told], elastic_area(position[told] - touch - shift, shared.geometry))
-        for shift in (0.0, SHIFT)
+        np.interp(grid, clock[told], elastic_area(position[told] - touch - shift, geometry)) for shift in (0.0, SHIFT)
     ]
 
     def basis(rho: Floats, area: Floats) -> tuple[Floats, Floats]:
         """Return the basis (number, 1 + term), and the same with a delay one deviation longer."""
-        made = lee_radok_basis(grid, area, rho, shared.nu)
+        made = lee_radok_basis(grid, area, rho, geometry.nu)
         early, late, early_longer, late_longer = (made[row] for row in rows)
         return 0.5 * (early + late), 0.5 * (early_longer + late_longer)
 
@@ -99,7 +105,7 @@ def _of_file(
         shifts = {zero.name: (basis(rho, areas[1])[0] - usual) / SHIFT}
         if delay.u > 0.0:
             shifts[FILTER.name] = longer - usual
-        factors, offsets = shared.factors, (tare.name,)
+        factors, offsets = tuple(unknown.name for unknown in unknowns), (tare.name,)
         return force_evidence(label, lag, force, u, usual, shifts=shifts, factors=factors, offsets=offsets)
 
-    return lag, [*shared.unknowns, zero, tare, *([FILTER] if delay.u > 0.0 else [])], build
+    return lag, [*unknowns, zero, tare, *([FILTER] if delay.u > 0.0 else [])], build

@@ -37,7 +37,7 @@ _STAGES = (
     _each(
         "shared.mach1_readings:loads",
         "readings file:load_cell.record",
-        "load_cell.tare",
+        "",
         "compression-positive force, tared, with uncertainty",
     ),
     _each(
@@ -63,7 +63,7 @@ _STAGES = (
         "combine the tests, average the modulus",
         schema="relaxations",
     ),
-    judged("relaxation", "readings loads ramps comparison tests", rests_on="substrate.material_from"),
+    judged("relaxation", "readings loads ramps comparison", rests_on="substrate.material_from"),
     reported("relaxation", "readings loads ramps curves model comparison tests"),
 )
 
@@ -77,7 +77,7 @@ KIND = Kind(
     key_numbers=(KeyNumber("plateau force", "N", "tests", "plateau_force"),),
     picture=Picture("loads", "time", "force"),
     error="nrmse_all",
-    rows=derived("relaxation.comparison:rows", "tests"),
+    rows=derived("relaxation.comparison:rows", "ramps comparison"),
     budget=derived("relaxation.budget:quantities", "loads curves"),
     body="substrate",
     evidence=derived("relaxation.evidence:evidence", f"loads ramps curves {solid_of('substrate')}"),

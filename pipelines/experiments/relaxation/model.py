@@ -7,12 +7,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.variables import variable
+from pipelines.experiments.relaxation.measured import Hold, find
 from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.punch_model import NOTHING_NAMED, TOUCH, along, modelled
-from pipelines.experiments.shared.ramps_and_holds import Hold
 
 SLOPES = "slope_plateau_force"
 _NODES = 40  # along a ramp and its hold, where the effects of the inputs are given
@@ -39,7 +39,7 @@ def model(
     ends = zip(*(ramps[name].values for name in ("block", "plateau_begin", "last")), strict=True)
     at_end = [(block == int(number)) & (time >= begin) & (time <= last) for number, begin, last in ends]
     slopes = [[float(e.change[where].mean()) / e.step for e in shared.values()] for where in at_end]
-    nodes = np.array([_nodes(loads, hold) for hold in ramps_and_holds.find(loads)])
+    nodes = np.array([_nodes(loads, hold) for hold in find(loads)])
     interval = float(loads["sampling_interval"][0])
     elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
     modulus = np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2)

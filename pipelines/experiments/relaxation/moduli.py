@@ -17,26 +17,29 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.identification import lee_radok_basis
+from labpipe.signals import independent_count
 from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.variables import from_rows, variable, with_u
+from pipelines.experiments.relaxation.measured import Hold, find, systematic
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
-from pipelines.experiments.shared.ramps_and_holds import Hold
 
 BINS_PER_DECADE = 12  # of the relaxation curve
 _TERMS_PER_DECADE = 3  # of the modulus that is fitted
 _FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
 _RESOLVED = 4.0  # sampling intervals: the fitted modulus at shorter times is a guess
 _FIT_READINGS = 400  # of a hold
+_ENOUGH = 100  # readings from which noise is known to 7 %
+_NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
 
 
 def curves(
@@ -46,7 +49,7 @@ def curves(
 
     Of the named material only Poisson's ratio is used.
     """
-    found = ramps_and_holds.find(loads)
+    found = find(loads)
     result = _relaxation_curves(loads, found)
     touch = float(ramps["contact_position"])
     if settings.punch is None or not np.isfinite(touch):
@@ -64,8 +67,7 @@ def curves(
     result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
     result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
     if loads.attrs["is_tared"]:
-        fit = _fitted(loads, found, touch, geometry)
-        result = result.merge(fit, combine_attrs="drop_conflicts")
+        result = result.merge(_fitted(loads, found, touch, geometry), combine_attrs="drop_conflicts")
     return result
 
 
@@ -76,8 +78,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
     """
     interval = float(loads["sampling_interval"][found[0].block])
     longest = max(hold.last - hold.end for hold in found)
-    decades = np.log10(longest / interval)
-    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(decades * BINS_PER_DECADE) + 2)
+    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * BINS_PER_DECADE) + 2)
     text = "force in the hold, as recorded behind the cell's filter"
     columns = {
         "force": ("N", text),
@@ -87,11 +88,13 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
     }
     table = np.full((len(columns), len(found), edges.size - 1), np.nan)
     for i, hold in enumerate(found):
-        since = loads["time"].values[hold.rows] - hold.end
-        t, mean, _, count = ramps_and_holds.binned(since, loads["force"].values[hold.rows], edges)
-        width = ramps_and_holds.binned(since, since, edges)[2]
-        u = ramps_and_holds.u_of_means(loads, hold, count)
-        table[:, i, np.searchsorted(edges, t, side="right") - 1] = mean, u, t, width
+        since, force = loads["time"].values[hold.rows] - hold.end, loads["force"].values[hold.rows]
+        place = np.searchsorted(edges, since, side="right") - 1
+        inside = (place >= 0) & (place < edges.size - 1)
+        bins = pd.DataFrame({"time": since[inside], "force": force[inside]}).groupby(place[inside])
+        mean, count = bins.mean(), bins.size()
+        u = _u_of_means(loads, hold, np.asarray(count, np.int64))
+        table[:, i, count.index] = mean["force"], u, mean["time"], bins["time"].std(ddof=0)
     kept = np.isfinite(table[0]).any(axis=0)
     lag = np.sqrt(edges[1:] * edges[:-1])[kept]
     return xr.Dataset(
@@ -103,6 +106,27 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
     )
 
 
+def _u_of_means(loads: xr.Dataset, hold: Hold, count: Integers) -> Floats:
+    """Return the standard uncertainty [N] of means of so many readings of a hold by their noise.
+
+    The second half of the hold, where the force hardly falls, shows the noise better than the few
+    readings of an early bin could; for a short hold the quiet start of the file is taken. Where the noise does
+    not cross the resolution of the cell no mean sees between.
+    """
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    late = time >= 0.5 * (hold.end + hold.last)
+    step = float(loads.attrs.get("resolution", 0.0))
+    sd, memory = float(np.nanmax(loads["u_force"].values)), 1.0
+    if late.sum() >= _ENOUGH:
+        since = np.log(time[late] - hold.end)
+        rest = force[late] - np.polynomial.Polynomial.fit(since, force[late], _NOISE_TREND)(since)
+        # the cell's filter ties neighbouring readings together
+        sd, memory = float(rest.std()), rest.size / independent_count(rest)
+    least = step / np.sqrt(12.0)
+    u = max(sd, least) / np.sqrt(np.maximum(count / memory, 1.0))
+    return np.asarray(np.maximum(u, least) if sd < step / 2 else u)
+
+
 def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dict[str, float], list[Row]]:
     """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
     depth, force = float(at["depth"]), float(at["plateau_force"])
@@ -111,25 +135,22 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
         raise InputError(message)
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
     lag, u = float(at["u_plateau_lag"]), float(at["u_plateau_force"])
-    noise = excess_uncertainty(u, ramps_and_holds.systematic(loads, force), lag)
     of_force = value / force
-    sources = [
-        Source("noise", 0.0, noise, "N", of_force, "random"),
+    own = [
+        Source("noise", 0.0, excess_uncertainty(u, systematic(loads, force), lag), "N", of_force, "random"),
         Source("filter lag", 0.0, lag, "N", -of_force, "systematic"),
         Source("tare", float(loads["tare"]), float(loads["u_tare"]), "N", -of_force, "systematic"),
         Source("unfinished relaxation", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
-        Source("gain", float(loads["gain"]), float(np.nan_to_num(loads["u_gain"])), "1", value, "systematic"),
     ]
     # a deeper contact at the same force is a softer one
-    sources += [
-        s._replace(sensitivity=-value * s.sensitivity) for s in relative_sources(depth, float(at["u_depth"]), geometry)
-    ]
-    shared = {"gain", "tip radius", "period", "length of a tip"}
-    own = [s for s in sources if s.source not in shared]
+    of_punch = relative_sources(depth, float(at["u_depth"]), geometry)
+    *shape, touch = (s._replace(sensitivity=-value * s.sensitivity) for s in of_punch)
+    gain = Source("gain", float(loads["gain"]), float(np.nan_to_num(loads["u_gain"])), "1", value, "systematic")
+    sources = [*own, gain, *shape, touch]
     row = {
         "reduced_modulus": value,
         "u_reduced_modulus": combined_uncertainty(sources),
-        "reduced_modulus_own_part": combined_uncertainty(own),
+        "reduced_modulus_own_part": combined_uncertainty([*own, touch]),
     }
     return row, budget_rows(sources)
 
@@ -141,37 +162,30 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     by non-negative least squares, after each of these forces has passed the cell's filter.
     """
     interval = float(loads["sampling_interval"][found[0].block])
-    time = mach1_readings.clock(loads)
     area = elastic_area(loads["position_z"].values - touch, geometry)
     longest = max(hold.last - hold.end for hold in found)
-    decades = np.log10(longest / (_FASTEST * interval))
-    rho = np.geomspace(_FASTEST * interval, longest, int(decades * _TERMS_PER_DECADE))
-    basis = lee_radok_basis(time, area, rho, 0.0)
-    rows = _fit_rows(loads, found, interval)
-    measured = loads["force"].values[rows]
-    answers = []
-    kinds = mach1_readings.filter_kinds(loads)
+    fastest, first = _FASTEST * interval, _RESOLVED * interval
+    rho = np.geomspace(fastest, longest, int(np.log10(longest / fastest) * _TERMS_PER_DECADE))
+    basis = lee_radok_basis(mach1_readings.clock(loads), area, rho, 0.0)
+    rows = _fit_rows(loads, found)
+    measured, at = loads["force"].values[rows], loads["time"].values[rows]
+    answers, kinds = [], mach1_readings.filter_kinds(loads)
     for kind in kinds:
         passed = np.column_stack([mach1_readings.passed(loads, column, kind)[rows] for column in basis.T])
         scale = np.maximum(np.abs(passed).max(axis=0), 1e-300)
-        found_weights, _ = nnls(passed / scale, measured)
-        answers.append(found_weights / scale)
-    chosen = answers[0]
-    clean = [basis @ each for each in answers]
-    first = _RESOLVED * interval
+        answers.append(nnls(passed / scale, measured)[0] / scale)
+    chosen, clean = answers[0], [basis @ each for each in answers]
     lag = np.geomspace(first, longest, int(np.log10(longest / first) * BINS_PER_DECADE))
     modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
     peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
-    systematic = np.array([ramps_and_holds.systematic(loads, p) for p in peaks[0]])
     rest = measured - mach1_readings.passed(loads, clean[0], kinds[0])[rows]
-    at = loads["time"].values[rows]
-    misfit = np.zeros(len(found))
-    for i, hold in enumerate(found):  # about the end of the ramp
-        inside = (rows >= hold.rows.start) & (rows < hold.rows.stop)
-        near = inside & (np.abs(at - hold.end) < max(hold.end - hold.begin, 0.1))
-        misfit[i] = np.sqrt(np.mean(rest[near] ** 2))
+    misfit = []
+    for hold in found:  # about the end of the ramp
+        near = (rows >= hold.rows.start) & (rows < hold.rows.stop)
+        near &= np.abs(at - hold.end) < max(hold.end - hold.begin, 0.1)
+        misfit.append(float(np.sqrt(np.mean(rest[near] ** 2))))
     of_filter = np.abs(peaks[-1] - peaks[0]) / np.sqrt(3.0)
-    u_peak = np.sqrt(systematic**2 + misfit**2 + of_filter**2)
+    u_peak = np.sqrt(np.square([systematic(loads, p) for p in peaks[0]]) + np.square(misfit) + of_filter**2)
     return xr.Dataset(
         {
             "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus, fitted to the force"),
@@ -188,22 +202,17 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
 
 def elastic_area(depth: Floats, geometry: Geometry) -> Floats:
     """Return elastic force over reduced modulus of a history that only grows, by interpolation."""
-    deepest = float(depth.max())
-    grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * deepest])
-    area = elastic_force(grid, geometry)
+    grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * float(depth.max())])
     # a contact that once was as wide keeps its width: the running maximum stands for the depth
     reached = np.maximum.accumulate(np.maximum(depth, 0.0))
-    return np.asarray(np.interp(reached, grid, area))
+    return np.asarray(np.interp(reached, grid, elastic_force(grid, geometry)))
 
 
-def _fit_rows(loads: xr.Dataset, found: list[Hold], interval: float) -> NDArray[np.int64]:
+def _fit_rows(loads: xr.Dataset, found: list[Hold]) -> Integers:
     """Choose readings: all of a ramp, and then evenly over the logarithm of time."""
-    rows: list[int] = []
+    rows = [np.empty(0, np.int64)]
     for hold in found:
-        size = hold.rows.stop - hold.rows.start
-        arrival = round((hold.end - float(loads["time"].values[hold.rows.start])) / interval)
-        left = max(size - arrival - 1, 1)
-        after = np.unique(np.geomspace(1, left, _FIT_READINGS).astype(int))
-        rows += range(hold.rows.start, hold.rows.start + arrival + 1)
-        rows += (hold.rows.start + arrival + after).tolist()
-    return np.array(sorted(set(rows)), dtype=np.int64)
+        arrival = hold.rows.start + int(np.searchsorted(loads["time"].values[hold.rows], hold.end))
+        after = np.geomspace(1, max(hold.rows.stop - arrival - 1, 1), _FIT_READINGS).astype(np.int64)
+        rows += [np.arange(hold.rows.start, arrival + 1), arrival + after]
+    return np.unique(np.concatenate(rows))

@@ -7,13 +7,13 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import Band, Block, LineChart, Listed, Notice, Paragraph, Section, Series, listed
-from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
+from pipelines.experiments.relaxation.measured import find
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
-from pipelines.experiments.shared.punch_sections import measured, simulated_by, summary
-from pipelines.experiments.shared.reports import Report, budgets, is_there
+from pipelines.experiments.shared import mach1_readings, pages
+from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
+from pipelines.experiments.shared.reports import Report, budgets, is_there, summary
 
 _MPA = 1e-6
 _RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
@@ -26,22 +26,18 @@ def _label(tests: xr.Dataset | None, number: int) -> str:
     return f"{depth * 1e3:.3f} mm" if np.isfinite(depth) else str(json.loads(tests.attrs["names"])[number])
 
 
-def _summary(
-    settings: Relaxation, context: Context, tests: xr.Dataset | None = None, ramps: Sequence[xr.Dataset] | None = None
-) -> Section:
-    rows, errors = list[tuple[str, str, str]](), np.empty(0)
-    if tests is not None:
-        rows.append(("tests", str(tests.sizes["test"]), "ramps with their holds"))
-        for name, title, remark in (
-            ("mean_relaxed_modulus", "relaxed modulus", "in tension, from the plateaus of all tests"),
-            ("mean_reduced_modulus", "relaxed reduced modulus", "E/(1 − ν²), from the plateaus of all tests"),
-        ):
-            if name in tests and np.isfinite(float(tests[name])):
-                rows.append((title, pages.told(tests, name), remark))
-                break
-        errors = tests["nrmse_all"].dropna("test").values if "nrmse_all" in tests else errors
+def _details(
+    settings: Relaxation, tests: xr.Dataset | None = None, ramps: Sequence[xr.Dataset] | None = None
+) -> list[tuple[str, str, str]]:
+    rows = list[tuple[str, str, str]]()
+    for name, title, remark in (
+        ("mean_relaxed_modulus", "relaxed modulus", "in tension, from the plateaus of all tests"),
+        ("mean_reduced_modulus", "relaxed reduced modulus", "E/(1 − ν²), from the plateaus of all tests"),
+    ):
+        if tests is not None and name in tests and np.isfinite(float(tests[name])) and not rows:
+            rows.append((title, pages.told(tests, name), remark))
     lost = {str(ramp.attrs["contact"]) for ramp in ramps or () if not np.isfinite(float(ramp["contact_position"]))}
-    return summary(settings, context, rows, errors if errors.size else None, sorted(lost))
+    return [*rows, *(("first touch", "not found", reason) for reason in sorted(lost)), *without_model(settings)]
 
 
 def _tests(tests: xr.Dataset) -> Section:
@@ -52,35 +48,23 @@ def _tests(tests: xr.Dataset) -> Section:
     ratio = top / level
     # the cell's gain is in both and cancels, so that this is rather too large
     u = np.abs(ratio) * np.hypot(tests[f"u_{peak}"].values / top, tests["u_plateau_force"].values / level)
-    first = (
+    columns = (
         Listed("test", list(json.loads(tests.attrs["names"]))),
         *([pages.column(tests, "depth", "depth")] if np.isfinite(tests["depth"]).any() else []),
         pages.column(tests, peak, "peak"),
         *([pages.column(tests, "peak_force", "peak as recorded")] if is_clean else []),
         pages.column(tests, "plateau_force", "plateau"),
         Listed("peak/plateau", ratio.tolist(), u=u.tolist()),
-    )
-    caption = (
-        "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it; its "
-        "uncertainty includes the filter's unknown type"
-        if is_clean
-        else "The peak is as recorded, behind the load cell's filter if it has one"
-    )
-    second = [
-        Listed("test", [_label(tests, i) for i in range(tests.sizes["test"])]),
         pages.column(tests, "speed", "ramp speed"),
         pages.column(tests, "duration", "hold"),
-    ]
-    text = "Measured displacement."
-    if "nrmse_all" in tests:
-        errors = {part: (tests[f"nrmse_{part}"].values * 100).tolist() for part in ("ramp", "early", "late", "all")}
-        second += [Listed(f"nRMSE {part}", error, "%", digits=3) for part, error in errors.items()]
-        text = (
-            "Measured displacement, and errors of the simulated force relative to the range of the simulated force "
-            "in the whole test."
+    )
+    caption = "The peak is as recorded, behind the load cell's filter if it has one"
+    if is_clean:
+        caption = (
+            "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it; its "
         )
-    caption += "; the plateau is the mean over the end of the hold."
-    return Section("Tests", (listed(first, caption), listed(second, text)))
+        caption += "uncertainty includes the filter's unknown type"
+    return Section("Tests", (listed(columns, f"{caption}; the plateau is the mean over the end of the hold."),))
 
 
 def _ramps(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
@@ -89,7 +73,7 @@ def _ramps(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests:
         has_model = is_there(compared)
         is_filtered = has_model and mach1_readings.declared_filter(load)
         caption = "The load cell's filter was applied to the model too." if is_filtered else ""
-        for hold in ramps_and_holds.find(load):
+        for hold in find(load):
             time = load["time"].values[hold.rows]
             near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
             since, force = time[near] - hold.begin, load["force"].values[hold.rows][near]
@@ -113,7 +97,7 @@ def _holds(
     gaps: list[Series | Band] = []
     number = 0
     for load, curve, compared in zip(loads, curves, comparison, strict=True):
-        for i, hold in enumerate(ramps_and_holds.find(load)):
+        for i, hold in enumerate(find(load)):
             label, number = _label(tests, number), number + 1
             means = (curve[name].values[i] for name in ("mean_time", "force", "u_force", "time_spread"))
             lag, force, u, width = np.array(list(means))[:, np.isfinite(curve["force"].values[i])]
@@ -199,7 +183,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
 page = Report(
     "Stress relaxation",
     ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (_summary, measured, _tests, _ramps, _holds, _moduli, budgets(quantities), _methods),
+    (summary(compared_rows, _details), measured, _tests, _ramps, _holds, _moduli, budgets(quantities), _methods),
     compared_rows,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)

@@ -6,10 +6,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource, ShownFrames
 from labpipe.report import Column, Notice, Section, Table
+from labpipe.signals import outliers
 from labpipe.variables import variable
 from labpipe.workflow.exclusions import exclusions
 
@@ -52,6 +53,19 @@ def without_readings(readings: xr.Dataset, settings: Any, *columns: str) -> xr.D
         return readings
     kept = {name: readings[name].where(~flags) for name in readings.data_vars if str(name).startswith(columns)}
     return readings.assign(kept | {EXCLUDED: variable(dim, flags.astype(np.int8), "1", "excluded by session.toml")})
+
+
+def left_out(values: Floats, time: Floats, *, ends: bool = True) -> tuple[Flags, list[tuple[int, int, float]]]:
+    """Return flags of readings that leave a record and return to it, and first, last and deviation of each run.
+
+    The readings (time,) are NaN where there is none; see :func:`labpipe.signals.outliers`.
+    """
+    found = outliers(values, time if np.all(np.diff(time) > 0) else None, ends=ends)
+    if not found.runs:
+        return found.flags, []
+    kept = np.isfinite(values) & ~found.flags
+    off = np.abs(values - np.interp(time, time[kept], values[kept]))
+    return found.flags, [(first, last, float(np.nanmax(off[first : last + 1]))) for first, last in found.runs]
 
 
 def without_frames(film: FrameSource, is_excluded: Flags) -> FrameSource:

@@ -94,11 +94,9 @@ def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> C
 def flight_durations(fall: Fall, gravity: Quantity) -> Check:
     """Compare the duration of every flight with 2 v/g."""
     name = "durations of the flights"
-    touch, leave, out, into = (
-        fall.values(of) for of in ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
-    )
-    u_touch, u_leave, u_out, u_into = (
-        fall.values(f"u_{of}") for of in ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
+    names = ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
+    (touch, leave, out, into), (u_touch, u_leave, u_out, u_into) = (
+        [fall.values(f"{u}{of}") for of in names] for u in ("", "u_")
     )
     if touch.size < 3:
         return not_made(name, "three bounces")
@@ -114,9 +112,8 @@ def flight_durations(fall: Fall, gravity: Quantity) -> Check:
     cause = f"{missing} of this flight are missing, as where rows or frames are lost and those after them counted on"
     if seen > expected:
         cause = f"this flight holds {missing} too much, as where rows or frames are doubled, or the body was held in it"
-    u_seen = float(u[worst])
-    found = compared(name, text, seen, u_seen, expected, 0.0, allowance=0.01 * seen, factor=False, file=fall.name)
-    return replace(found, cause=cause)
+    place: dict[str, Any] = {"allowance": 0.01 * seen, "factor": False, "file": fall.name, "cause": cause}
+    return compared(name, text, seen, float(u[worst]), expected, 0.0, **place)
 
 
 def restitution(fall: Fall) -> Check:
@@ -188,26 +185,23 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
             continue
         values, u = np.array([fall.value(variable) for fall in falls]).T
         least = float(np.abs(values).min())
+        centre, u_centre, allowance = float(np.median(values)), 0.0, of_several * abs(float(np.median(values)))
         if len(falls) == 2:
-            worst, centre, u_centre, scale = 1, values[0], u[0], u
-            allowance = of_two * least
+            worst, centre, u_centre, scale, allowance = 1, float(values[0]), float(u[0]), u, of_two * least
         else:
-            centre, u_centre = float(np.median(values)), 0.0
             # robust: one repeat that is another drop must not hide itself in the scatter
             few = float(special.stdtrit(len(values) - 1, 0.975) / special.ndtri(0.975))
             scale = np.hypot(u, 1.4826 * float(np.median(np.abs(values - centre))) * few)
-            worst, allowance = int(np.argmax(np.abs(values - centre) / scale)), of_several * abs(centre)
-        seen, file = float(values[worst]), falls[worst].name
-        others = shown(float(np.median(np.delete(values, worst))), float(u[worst]), unit)
-        text = f"{file}: {shown(seen, float(u[worst]), unit)}, the other repeats {others}"
-        u_seen = float(scale[worst])
-        check = compared(
-            name, text, seen, u_seen, float(centre), float(u_centre), allowance=allowance, factor=False, file=file
-        )
+            worst = int(np.argmax(np.abs(values - centre) / scale))
+        seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
+        others = shown(float(np.median(np.delete(values, worst))), own, unit)
+        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}"
+        place: dict[str, Any] = {"allowance": allowance, "factor": False, "file": file, "cause": cause}
+        check = compared(name, text, seen, float(scale[worst]), centre, u_centre, **place)
         if len(falls) == 2 and check.level:  # which of them is right nobody knows, nor how much a body scatters
             level = "doubtful" if abs(seen - centre) < _BY_HAND * least else check.level
             check = replace(check, level=level, cause=f"either of the two files may be the one: {cause}")
-        found.append(check if check.cause else replace(check, cause=cause))
+        found.append(check)
     return found
 
 

@@ -1,7 +1,7 @@
 """Films in experiments: opening, recording date, key frames."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import UTC, datetime
 from math import ceil
 from pathlib import Path
@@ -13,14 +13,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import instruments
-from labpipe.arrays import Floats
 from labpipe.errors import EXCHANGED, InputError
-from labpipe.frames import FrameSource, IncompleteFilmWarning
-from labpipe.judging import Check, Level, stated
-from labpipe.report import Gallery, Picture, quantity
+from labpipe.frames import FrameSource
+from labpipe.report import Gallery, Picture
 from labpipe.units import Quantity
 from labpipe.variables import variable
-from labpipe.workflow.context import Context
 from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
@@ -29,17 +26,9 @@ _STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
 _QUALITIES = (90, 80, 65)  # of JPEG, tried in turn: at 90 no loss is seen, at 65 edges begin to show it
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _SMALLEST = 480  # px; smaller frames are drawn enlarged
-_NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and relative change of their
 distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
-CAUSES = {
-    EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
-}
-"""Fault of a film, by the reason of the error that it ends in."""
-_MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
-_LONGER = 1.5  # of the usual interval between frames, from which some are missing
-_AROUND = 8  # frames read on either side of a contact
 
 
 def film_of(path: Path, settings: Any) -> FrameSource:
@@ -93,59 +82,6 @@ def _is_exchanged(film: FrameSource) -> bool:
         apart(flat, rows) < _ALIKE * min(apart(flat, d) for d in (columns, (1 - _BESIDE) * rows, (1 + _BESIDE) * rows))
         for flat in (image.ravel(), image[::-1].ravel())
     )
-
-
-def whole_film(context: Context, film: str) -> Check:
-    """Report the warning of the reader of a film about frames that its file lacks, or that are damaged."""
-    warned = (w.text for w in context.warnings if w.category == IncompleteFilmWarning.__name__)
-    text = next(warned, "").removeprefix(f"{Path(film).name}: ")
-    if not text:
-        return stated("whole film", f"{film}: no frame is missing in the file", None, file=film)
-    return stated("whole film", f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
-
-
-def sound_frames(is_sound: NDArray[np.bool_], whole: Check, settings: Any) -> Check:
-    """Count damaged frames of a film, without those that are excluded; ``whole`` describes a few of them better."""
-    name, film = "sound frames", settings.film
-    is_sound = is_sound | excluded(settings, "frames", is_sound.size)
-    bad = np.flatnonzero(~is_sound)
-    share = bad.size / max(is_sound.size, 1)
-    if whole.level and share < _MANY:
-        return whole
-    frames = "frame" if bad.size == 1 else "frames"
-    text = f"{film}: {bad.size} damaged {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
-    level: Level | None = "note" if bad.size else None
-    if share >= _MANY:
-        level = "impossible" if share > _MOST else "doubtful"
-    return stated(name, text, level, cause=_NOT_WHOLE, file=film)
-
-
-def explained(failed: Check, whole: Check) -> Check:
-    """Give a step that failed on a film that is not whole that cause, where nothing better is known."""
-    is_known = failed.setting or failed.cause in CAUSES.values()
-    is_of_film = whole.level and failed.level == "impossible" and not is_known
-    return replace(failed, cause=whole.cause) if is_of_film else failed
-
-
-def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the frames that show a contact, and their neighbours."""
-    return np.flatnonzero(np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0)
-
-
-def repeated(film: FrameSource, is_seen: NDArray[np.bool_]) -> list[int]:
-    """Find the frames about a contact whose every pixel is that of the frame before.
-
-    ``is_seen`` (frame,) are those that show a contact and were measured.
-    """
-    before: np.ndarray = np.empty(0)
-    found, last = [], -1
-    for i in map(int, about_contacts(is_seen)):
-        if film.valid[i]:
-            image = film[i]
-            if last == i - 1 and np.array_equal(image, before):
-                found.append(i)
-            before, last = image, i
-    return found
 
 
 def recorded_on(film: object) -> str:
@@ -282,37 +218,3 @@ class DrawnFilm:
             return image if is_drawn else drawing_of(key.isel(key=0))[0], caption
         missing = "this frame was not evaluated" if self.frame.size else "no result of this film is up to date"
         return drawing_of(key.isel(key=0))[0], f"{head}; {missing}"
-
-
-def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> Check:
-    """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
-    name = "frames differ"
-    at = np.flatnonzero(alike)
-    if not at.size:
-        return stated(name, f"{film}: no frame equals the one before", None, file=film)
-    first = int(frame[at[0] + 1])
-    frames = "frame equals" if at.size == 1 else "frames equal"
-    text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
-    return stated(name, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
-
-
-def frame_times(film: str, frame: NDArray[np.integer], time: Floats, is_within: NDArray[np.bool_]) -> Check:
-    """Look for frames that are not later than the one before, or that are missing in a motion.
-
-    ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames.
-    """
-    name, steps = "times of the frames", np.diff(time)
-    wrong = np.flatnonzero(~(steps > 0))
-    if wrong.size:
-        at = int(frame[wrong[0] + 1])
-        text = f"{film}: frame {at} is not later than the one before ({wrong.size} such frames)"
-        return stated(name, text, "impossible", cause=f"frames are exchanged or repeated at frame {at}", file=film)
-    usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
-    lost = np.flatnonzero(is_within & (steps > _LONGER * usual))
-    if not lost.size:
-        return stated(name, f"{film}: {time.size} frames in order", None, file=film)
-    count = int(np.sum(np.round(steps[lost] / usual) - 1))
-    frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
-    text = f"{film}: {count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
-    cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
-    return stated(name, text, "doubtful", cause=cause, file=film)

@@ -11,8 +11,7 @@ import calibration
 import instruments
 from calibration import laser
 from labpipe.errors import UNSAID, SourceError
-from labpipe.signals import outliers
-from pipelines.experiments.shared.exclusions import without_readings
+from pipelines.experiments.shared.exclusions import left_out, without_readings
 from pipelines.experiments.shared.settings import Keyence, named_columns
 
 OUTLIER = 7
@@ -30,22 +29,19 @@ def readings(path: Path, *, settings: Any) -> xr.Dataset:
 
 def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
     """Leave out short runs of readings that leave a record and return to it; see :func:`labpipe.signals.outliers`."""
-    time, made, left_out = readings["time"].values, readings.copy(), {}
+    made, runs = readings.copy(), {}
     for output in (str(name) for name in readings if str(name).startswith("out")):
         state, values = output.replace("out", "status"), readings[output].values.astype(float)
         if state in readings:
             values = np.where(readings[state].values == 0, values, np.nan)
-        found = outliers(values, time, ends=ends)
-        if not found.runs:
-            continue
-        kept = np.isfinite(values) & ~found.flags
-        off = np.abs(values - np.interp(time, time[kept], values[kept]))
-        left_out[output] = [(first, last, float(np.nanmax(off[first : last + 1]))) for first, last in found.runs]
-        made[output] = readings[output].copy(data=np.where(found.flags, np.nan, readings[output].values))
-        if state in readings:
+        flags, found = left_out(values, readings["time"].values, ends=ends)
+        if found:
+            runs[output] = found
+            made[output] = readings[output].copy(data=np.where(flags, np.nan, readings[output].values))
+        if found and state in readings:
             codes = readings[state]
-            made[state] = codes.copy(data=np.where(found.flags, OUTLIER, codes.values).astype(codes.dtype))
-    return made.assign_attrs(outliers=json.dumps(left_out)) if left_out else readings
+            made[state] = codes.copy(data=np.where(flags, OUTLIER, codes.values).astype(codes.dtype))
+    return made.assign_attrs(outliers=json.dumps(runs)) if runs else readings
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:

@@ -1,7 +1,6 @@
 """Blocks of a Mach-1 file: columns, declared values of the header, and the motion and stiffness in the readings."""
 
 import json
-import re
 from dataclasses import dataclass
 from datetime import datetime
 from math import nan
@@ -11,24 +10,23 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.ramps_and_holds import RELAXATION
+from pipelines.experiments.shared.mach1_readings import bridged
 
-OSCILLATION, FIND_CONTACT = "Sinusoid", "Find Contact"
+OSCILLATION, RELAXATION, FIND_CONTACT = "Sinusoid", "Stress Relaxation", "Find Contact"
 _CLEAR, _SHARE = 10.0, 0.2
 """Standard uncertainties, and share of the spread of the readings, by which a force must rise with the position."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One block: its columns, and the place of its header in the file.
+    """One block: its columns [s, m, N], and the place of its header in the file.
 
     ``line`` is the line of ``<INFO>``, ``header_line`` that of the column names; ``outliers`` are the runs of
     readings that were left out and are bridged here, ``lateral`` Fx and Fy where the cell has them.
     """
 
+    file: str
     number: int
-    function: str
     header: dict[str, Any]
     time: Floats
     position: Floats
@@ -39,62 +37,70 @@ class Part:
     outliers: tuple[dict[str, Any], ...] = ()
     lateral: tuple[Floats, ...] = ()
 
+    def __str__(self) -> str:
+        return f"{self.file}, block {self.number + 1}"
+
+    @property
+    def function(self) -> str:
+        """Name of the tester's function."""
+        return str(self.header["function"])
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """File and line of a check of this block."""
+        return {"file": self.file, "line": self.header_line}
+
     def declared(self, name: str) -> tuple[float, float, int | None]:
         """Return a declared value [SI] with the uncertainty of its rounding, and its line."""
         for place, parameter in enumerate(self.header["parameters"]):
-            value = parameter["value"]
+            value, text = parameter["value"], str(parameter["text"])
             if parameter["key"].partition(",")[0] == name and value is not None:
-                text = str(parameter["text"])
                 written = abs(float(text.replace(",", "."))) if text.strip("-+0., ") else 0.0
-                last = 10.0 ** -len(re.sub(r"^.*[.,]", "", text)) if re.search(r"[.,]", text) else 1.0
+                _, point, decimals = text.replace(",", ".").partition(".")
+                last = 10.0 ** -len(decimals) if point else 1.0
                 factor = abs(value) / written if written else 0.0
                 return float(value), last * factor / 12**0.5, self.line + len(self.header["info_lines"]) + 3 + place
         return nan, nan, None
+
+    @property
+    def direction(self) -> float:
+        """Declared direction of the motion, +1 or −1; NaN where none is declared."""
+        if self.function == RELAXATION:
+            return float(np.sign(self.declared("Amplitude")[0]))
+        said = next((str(p["text"]) for p in self.header["parameters"] if p["key"] == "Direction"), "")
+        return 1.0 if said.startswith("Pos") else -1.0 if said else nan
 
     def row_line(self, index: int) -> int:
         """Return the line of a reading; a line divides each segment from the next."""
         return self.header_line + 1 + index + int(self.segment[index] - self.segment[0])
 
-    def header_place(self, key: str) -> int:
-        """Return the line of the header that begins with a key."""
-        lines = self.header["info_lines"]
-        return self.line + 1 + next((i for i, text in enumerate(lines) if text.startswith(key)), 0)
-
-    def text(self, key: str) -> str:
-        """Return a parameter as written; empty where there is none."""
-        return next((str(p["text"]) for p in self.header["parameters"] if p["key"] == key), "")
-
     def moved(self, values: Floats) -> float:
         """Return the amplitude of a column, or its change by the first ramp or approach."""
         if self.function == OSCILLATION:
-            low, high = np.nanquantile(values, [0.005, 0.995])
-            return 0.5 * float(high - low)
+            return 0.5 * float(np.ptp(np.nanquantile(values, [0.005, 0.995])))
         inside = values[self.segment == self.segment[0]]
-        if self.function == FIND_CONTACT:
-            return float(inside[np.nanargmax(np.abs(inside - inside[0]))] - inside[0])
-        return float(np.nanmedian(inside[inside.size // 2 :]) - inside[0])
+        if self.function == RELAXATION:
+            return float(np.nanmedian(inside[inside.size // 2 :]) - inside[0])
+        return float(inside[np.nanargmax(np.abs(inside - inside[0]))] - inside[0])
 
     @property
     def speed(self) -> float:
         """Speed of the middle of the first ramp [m/s]; NaN where fewer than three readings show it."""
-        first = self.segment == self.segment[0]
-        time, x, travel = self.time[first], self.position[first], self.moved(self.position)
-        if travel == 0.0:
-            return nan
-        share = (x - x[0]) / travel
+        first, travel = self.segment == self.segment[0], self.moved(self.position)
+        time, x = self.time[first], self.position[first]
+        share = (x - x[0]) / (travel or nan)
         inside = (share > 0.1) & (share < 0.9) & (np.arange(x.size) <= np.argmax(share > 0.99))
         return abs(float(np.polyfit(time[inside], x[inside], 1)[0])) if inside.sum() >= 3 else nan
 
     @property
     def frequency(self) -> tuple[float, float]:
         """Frequency by counting passages through the middle in one direction, and its uncertainty [Hz]."""
-        x = self.position
-        low, high = np.nanquantile(x, [0.01, 0.99])
-        middle, band = 0.5 * (low + high), 0.15 * (high - low)
-        side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
+        low, high = np.nanquantile(self.position, [0.01, 0.99])
+        beyond = (self.position - 0.5 * (low + high)) / (0.15 * (high - low) or nan)
+        side = np.where(np.abs(beyond) > 1.0, np.sign(beyond), 0.0)
         known = np.flatnonzero(side)
         rising = known[1:][np.diff(side[known]) > 0]
-        if band <= 0.0 or rising.size < 2:
+        if rising.size < 2:
             return nan, nan
         lasted = float(self.time[rising[-1]] - self.time[rising[0]])
         value = (rising.size - 1) / lasted
@@ -117,24 +123,21 @@ class Part:
         return rise / travel, u / travel, spread > 0.0 and abs(rise) > max(_CLEAR * u, _SHARE * spread)
 
 
-def parts(readings: xr.Dataset) -> list[Part]:
+def parts(name: str, readings: xr.Dataset) -> list[Part]:
     """Return the blocks of a file with their place in it."""
     found, line = [], 2  # after the title
-    force, position = readings.get("force_z"), readings.get("position_z")
-    block = readings["block"].values
+    block, time, segment = (readings[column].values for column in ("block", "time", "segment"))
+    columns = [readings[column].values for column in ("position_z", "force_z") if column in readings]
     left_out = json.loads(readings.attrs.get("outliers", "[]"))
     for number, header in enumerate(json.loads(readings.attrs["blocks"])):
         where = block == number
         names = line + len(header["info_lines"]) + len(header["parameter_lines"]) + 4
-        if header["has_data"] and where.any() and force is not None and position is not None:
-            sign = float(header["compression_sign"]) or 1.0
-            time, segment = readings["time"].values[where], readings["segment"].values[where]
-            x, f = (mach1_readings.bridged(column.values[where], time) for column in (position, force))
+        if header["has_data"] and where.any() and len(columns) == 2:
+            x, f = (bridged(column[where], time[where]) for column in columns)
+            f = f * (float(header["compression_sign"]) or 1.0)
             runs = tuple(run for run in left_out if run["block"] == number)
             lateral = tuple(readings[n].values[where] for n in ("force_x", "force_y") if n in readings)
-            found.append(
-                Part(number, header["function"], header, time, x, sign * f, segment, line, names, runs, lateral)
-            )
+            found.append(Part(name, number, header, time[where], x, f, segment[where], line, names, runs, lateral))
         line = names - 1 + (header["rows"] + len(header["dividers"]) + 3 if header["has_data"] else 0)
     return found
 

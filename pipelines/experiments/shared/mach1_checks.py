@@ -1,72 +1,88 @@
-"""Checks of a Mach-1 file: its declared commands compared with its columns, and of the record of its load cell.
+"""Checks of Mach-1 files: commands, clock, columns, cell and punch, and the mistakes that would explain them.
 
-Commands, clock and columns are redundant: the amplitude of a command is that of the position,
-its frequency and speed against position and time, the start of the next block against the length
-of this one, and the force against the cell's capacity, its sign against the motion.
+Commands, clock and columns are redundant: the amplitude of a command is that of the position, its frequency and speed
+against position and time, the start of the next block against the length of this one, and the force against the
+cell's capacity, its sign against the motion, its size against that of the model for the named material.
 """
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import hypot, isfinite, log, nan, pi
-from pathlib import Path
+from math import exp, hypot, isfinite, log, nan, pi
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
+from labpipe.contact.line import westergaard
+from labpipe.judging import (
+    DOUBTFUL,
+    Cause,
+    Check,
+    Level,
+    bounded,
+    compared,
+    in_words,
+    judge,
+    not_made,
+    stated,
+    too_large,
+)
 from labpipe.report import quantity
-from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.judgements import Title, because, day_known
-from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, Part, between, parts
-from pipelines.experiments.shared.punch_settings import LoadCell
-from pipelines.experiments.shared.ramps_and_holds import RELAXATION
-from pipelines.experiments.shared.record_checks import Trace, longest_run, shared_rows
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared import judgements, mach1_readings
+from pipelines.experiments.shared.judgements import Title, because
+from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, between, parts
+from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
+from pipelines.experiments.shared.record_checks import longest_run, placed
 
-AMPLITUDE, FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
-TRAVEL, SPEED, CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
-CAPACITY, SCALE, DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
-RATIO, SIGN, PHASE, OUTLIERS = "force for the named material", "sign of the stiffness", "phase lag", "outliers"
-DIRECTION, SWAPPED = "direction of the motion", "order of the columns"
-ALIGNMENT = "lateral force"
+_AMPLITUDE, _FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
+_TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
+_CAPACITY, _SCALE, _DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
+_RESPONSE, _SATURATION = "response of the cell", "saturation of the cell"
+_RATIO, _DEPTHS = "force for the named material", "force at other depths"
+_SIGN, _PHASE, _OUTLIERS = "sign of the stiffness", "phase lag", "outliers"
+_DIRECTION, _SWAPPED, ALIGNMENT = "direction of the motion", "order of the columns", "lateral force"
+_SIZE, _PERIOD = "size of the punch", "period of the punch"
 
 TITLES = {
     "columns": Title(
         "Position and force stand in their columns, with the stage's direction and the cell's sign.",
-        (SWAPPED, DIRECTION, SIGN),
+        (_SWAPPED, _DIRECTION, _SIGN),
     ),
     "commands": Title(
         "The motion has the amplitude, frequency, travel and speed of its command.",
-        (AMPLITUDE, FREQUENCY, TRAVEL, SPEED),
+        (_AMPLITUDE, _FREQUENCY, _TRAVEL, _SPEED),
     ),
-    "clock": Title("Times of the readings and of the blocks are consistent.", (CLOCK,)),
+    "clock": Title("Times of the readings and of the blocks are consistent.", (_CLOCK,)),
     "load cell": Title(
         "The force stays within the cell's capacity and is scaled once.",
-        (CAPACITY, SCALE, DELAY, "response of the cell", "saturation of the cell"),
+        (_CAPACITY, _SCALE, _DELAY, _RESPONSE, _SATURATION),
     ),
-    "order of motion and force": Title("Force follows motion: 0 < phase lag < 90°.", (PHASE,)),
+    "order of motion and force": Title("Force follows motion: 0 < phase lag < 90°.", (_PHASE,)),
     "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
-    "punch": Title("The stated punch can be pressed in so far.", ("size of the punch", "period of the punch")),
-    "contact modulus": Title(
-        "Forces give one modulus, that of the material, at all depths.", (RATIO, "force at other depths")
-    ),
-    "continuity of the readings": Title(
-        "A recording holds every reading once, without outliers.", (OUTLIERS, "readings of another record")
-    ),
+    "punch": Title("The stated punch can be pressed in so far.", (_SIZE, _PERIOD)),
+    "contact modulus": Title("Forces give one modulus, that of the material, at all depths.", (_RATIO, _DEPTHS)),
+    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS,)),
 }
+OF_LOADS = "the file, or the record of its load cell, does not belong to this test"
+NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
+"""Most likely faults where the force, and where a model could not be made."""
 
-COMMANDS = {
-    AMPLITUDE: (OSCILLATION, "Amplitude", "m", 0.3),
-    FREQUENCY: (OSCILLATION, "Frequency", "Hz", 0.05),
-    TRAVEL: (RELAXATION, "Amplitude", "m", 0.05),
-    SPEED: (RELAXATION, "Velocity", "m/s", 0.25),
+_COMMANDS = {
+    _AMPLITUDE: (OSCILLATION, "Amplitude", "m", 0.3),
+    _FREQUENCY: (OSCILLATION, "Frequency", "Hz", 0.05),
+    _TRAVEL: (RELAXATION, "Amplitude", "m", 0.05),
+    _SPEED: (RELAXATION, "Velocity", "m/s", 0.25),
 }
 """Block and name of what is declared, its unit, and by how much, relative, a stage may miss it: eases, lags, brakes."""
-FORCES = {"N": 1.0, "gf": 9.80665e-3, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665}
-"""Units in which a force may be, whatever its header says, in SI."""
+_FORCES = {"N": 1.0, "gf": 9.80665e-3, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665}
+_TIMES, _LENGTHS = {"s": 1.0, "ms": 1e-3}, {"mm": 1e-3, "µm": 1e-6}
+"""Units in which a column may be, whatever its header says, in SI."""
 _CELLS = {"kg": "kgf", "g": "gf"}  # spellings of units in the names of load cells
+_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
 _LATERAL = 0.1  # of the normal force: a tilt of 6 degrees, by which the normal force errs by 0.5 %
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
@@ -77,66 +93,86 @@ _SOONER, _LATER = 0.25, 0.6
 """Of the delay that order and cutoff of a Butterworth say, by which another filter may have less or more: three equal
 poles have 0.76 times as much, Bessel's 0.88, Chebyshev's more."""
 _OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
+_U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
 _RIGHT = 1.0  # of the logarithm of a force over the expected one: no unit is so near to another
+_OF_DEPTHS = log(1.5)
+"""By which forces over those of the model may differ from depth to depth: layers, rough tips, a touch found late."""
 _MANY = 0.01  # of the readings of a block, left out as outliers
+_LARGEST_PUNCH, _LARGE_PUNCH = 0.5, 0.15  # m, either way
+
+
+@dataclass(frozen=True)
+class Tested:
+    """One recording of an indentation, as far as its steps gave a result.
+
+    ``depth`` is the largest one [m], ``force`` and ``expected`` are the force of one state and that of the model for
+    the named material [N]; NaN where there is none. ``own`` are further checks.
+    """
+
+    name: str
+    readings: xr.Dataset | None
+    loads: xr.Dataset | None
+    depth: float = nan
+    force: float = nan
+    expected: float = nan
+    own: tuple[Check, ...] = ()
+
+
+def of_tests(
+    tests: Sequence[Tested], settings: Indentation, context: Context, reasons: Mapping[str, str]
+) -> list[Check]:
+    """Check the recordings of an experiment, its cell and its punch; `reasons` are as for :func:`.failed_steps`.
+
+    A mistake in one file does not show in the others, so that each has causes of its own.
+    """
+    cell = next((test.loads for test in tests if test.loads is not None), None)
+    of_cell = [] if cell is None else list(_of_cell(settings.load_cell, cell))
+    checks: list[Check] = []
+    for test in tests:
+        if test.readings is None:
+            checks.append(not_made(_SWAPPED, "a file that can be read"))
+            continue
+        found = [*of_file(test.name, test.readings), *test.own]
+        if _knows_depth(found):
+            found.append(_of_force(test))
+        causes = list(_causes(test.name, test.readings, settings, [*found, *of_cell]))
+        # a wrong sign is the cause of all that it turns round; and a force that is that of the named material has the
+        # right unit: then the cell can do more than its name says
+        sign = next((check for check in found if check.name == _SIGN and check.level is not None), None)
+        is_right = any(check.name == _RATIO and abs(check.log_ratio) < _RIGHT for check in found)
+        found = because(found, sign.cause, _PHASE, line=sign.line) if sign is not None else found
+        unsaid = "the name of the cell does not say its capacity" if is_right else ""
+        checks += judge(because(found, unsaid, _CAPACITY, level="note"), causes).checks
+    if _knows_depth(checks):
+        depths = [test.depth for test in tests if isfinite(test.depth)]
+        checks += _of_punch(settings, max(depths, default=nan))
+    checks += of_cell
+    for failed in judgements.failed_steps(context, reasons):
+        checks.append(placed(failed, *(test.name for test in tests), settings.load_cell.record))
+    if len(tests) > 1 and not any(check.level == "impossible" for check in checks):
+        checks.append(_at_all_depths(checks))
+    return checks
 
 
 def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     """Check one file by itself; where its columns are exchanged nothing else is asked."""
-    blocks = parts(readings)
+    blocks = parts(name, readings)
     if not blocks:
-        return [not_made(SWAPPED, "columns of position and force")]
-    order = _order_of_columns(name, blocks)
+        return [not_made(_SWAPPED, "columns of position and force")]
+    order = _order_of_columns(blocks)
     if order.level is not None:
         return [order]
-    evaluations: tuple[Callable[[str, Sequence[Part]], Check], ...] = (
-        _clock_of_blocks, _direction_of_motion, _sign_of_stiffness, _response_of_cell, _saturation, _capacity_of_cell,
-        _left_out,
-    )  # fmt: skip
-    found = [order, *_commands_kept(name, blocks), *(evaluate(name, blocks) for evaluate in evaluations)]
-    return [*found, _alignment(name, blocks)] if any(part.lateral for part in blocks) else found
+    direction = _direction_of_motion(blocks)
+    found = [order, direction, *_commands_kept(blocks), _clock_of_blocks(blocks), *_responses(blocks, direction.cause)]
+    return [*found, _saturation(blocks), _capacity_of_cell(blocks), _left_out(blocks)]
 
 
-def of_files(readings: Mapping[str, xr.Dataset]) -> Check:
-    """Look for readings of the force that two files of an experiment share."""
-    traces = []
-    for name, found in ((name, parts(one)) for name, one in readings.items()):
-        time, force = (np.concatenate([getattr(part, of) for part in found] or [[]]) for of in ("time", "force"))
-        header = "\n".join(line for part in found for line in part.header["info_lines"])
-        traces.append(Trace(name, time, force, header))
-    return shared_rows(traces)
-
-
-def knows_depth(checks: Sequence[Check]) -> bool:
+def _knows_depth(checks: Sequence[Check]) -> bool:
     """Return whether the depth of a punch is known by the column of the position."""
-    return not any(check.name in (SWAPPED, DIRECTION, TRAVEL) and check.level is not None for check in checks)
+    return not any(check.name in (_SWAPPED, _DIRECTION, _TRAVEL) and check.level is not None for check in checks)
 
 
-def placed(checks: Sequence[Check], *files: str | None) -> list[Check]:
-    """Give failed steps the file and line that their message names, where it is one of `files`."""
-    found = []
-    for check in checks:
-        named = re.search(r"(\S+):(\d+): ", check.message)
-        file = next((f for f in files if f and named and Path(f).name == Path(named[1]).name), None)
-        found.append(replace(check, file=file, line=int(named[2])) if file and named else check)
-    return found
-
-
-def weighed(checks: Sequence[Check]) -> list[Check]:
-    """Weigh the checks of a file against each other.
-
-    A wrong sign is the cause of all that it turns round. A force that is that of the named
-    material has the right unit: then the cell can do more than its name says, which is a note.
-    """
-    sign = next((check for check in checks if check.name == SIGN and check.level is not None), None)
-    is_right = any(check.name == RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
-    if sign is not None:
-        checks = because(checks, sign.cause, PHASE, line=sign.line)
-    unsaid = "the name of the cell does not say its capacity" if is_right else ""
-    return because(checks, unsaid, CAPACITY, level="note")
-
-
-def _order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
+def _order_of_columns(blocks: Sequence[Part]) -> Check:
     wrong, known = [], 0
     for part in blocks:
         wanted = abs(part.declared("Amplitude")[0])
@@ -146,215 +182,189 @@ def _order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
             known += 1
             wrong += [part] * (abs(other - 1.0) < _SWAPPED_BY <= abs(own - 1.0))
     if not known:
-        return not_made(SWAPPED, "a declared amplitude")
+        return not_made(_SWAPPED, "a declared amplitude")
+    where = (wrong or blocks)[0]
     if 2 * len(wrong) <= known:
-        return stated(SWAPPED, f"{name}: the position makes the declared motion", None, file=name)
-    where = wrong[0]
+        return stated(_SWAPPED, f"{where.file}: the position makes the declared motion", None, file=where.file)
     text = (
-        f"{name}: the column of the force moves by the declared {quantity(where.declared('Amplitude')[0], 'm')} (as "
-        f"mm), the column of the position by {quantity(abs(where.moved(where.position)), 'm')}"
+        f"{where.file}: the column of the force moves by the declared {quantity(where.declared('Amplitude')[0], 'm')} "
+        f"(as mm), the column of the position by {quantity(abs(where.moved(where.position)), 'm')}"
     )
     cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
-    return stated(SWAPPED, text, "impossible", cause=cause, file=name, line=where.header_line)
+    return stated(_SWAPPED, text, "impossible", cause=cause, **where.place)
 
 
-def _commands_kept(name: str, blocks: Sequence[Part]) -> list[Check]:
+def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
     """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each.
 
     One that several blocks miss has no line: then their headers are not the fault.
     """
-    found: dict[str, list[Check]] = {}
-    for part in blocks:
-        for title, (function, key, unit, missed) in COMMANDS.items():
+    for title, (function, key, unit, missed) in _COMMANDS.items():
+        found = []
+        for part in (part for part in blocks if part.function == function):
             wanted, rounding, line = part.declared(key)
-            if part.function != function or not isfinite(wanted) or wanted == 0.0:
-                continue
-            if title == FREQUENCY:
-                value, u = part.frequency
-            else:
-                value = part.speed if title == SPEED else abs(part.moved(part.position))
-                u = 0.02 * value if title == SPEED else 1e-7
-            if isfinite(value):
+            value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), 1e-7)
+            if title == _SPEED:
+                value, u = part.speed, 0.02 * part.speed
+            if isfinite(value) and isfinite(wanted) and wanted != 0.0:
                 ratio = in_words(value / wanted)
-                text = f"{name}, block {part.number + 1}: {title} is {quantity(value, unit)}, declared are "
-                text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
-                u, allowance = max(u, 2e-3 * min(value, wanted)), missed * wanted
-                check = compared(title, text, value, u, wanted, rounding, allowance=allowance, file=name, line=line)
-                found.setdefault(title, []).append(check)
-    worst = [max(rows, key=lambda c: abs(c.margin) if c.level else -1.0) for rows in found.values()]
-    several = {rows[0].name for rows in found.values() if sum(c.level is not None for c in rows) > 1}
-    return [replace(check, line=None) if check.name in several else check for check in worst]
+                text = f"{part}: {title} is {quantity(value, unit)}, declared are {quantity(wanted, unit)}"
+                text += "" if ratio == "1" else f" ({ratio} times)"
+                place: dict[str, Any] = {"allowance": missed * wanted, "file": part.file, "line": line}
+                u = max(u, 2e-3 * min(value, wanted))
+                found.append(compared(title, text, value, u, wanted, rounding, **place))
+        if found:
+            worst = max(found, key=lambda c: abs(c.margin) if c.level else -1.0)
+            yield replace(worst, line=None) if sum(c.level is not None for c in found) > 1 else worst
 
 
-def _clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
-    gaps = [(part, between(part, after)) for part, after in pairwise(blocks)]
-    known = [(part, float(part.time[-1] - part.time[0]), gap) for part, gap in gaps if isfinite(gap)]
+def _clock_of_blocks(blocks: Sequence[Part]) -> Check:
+    gaps = [(part, float(np.ptp(part.time)), between(part, after)) for part, after in pairwise(blocks)]
+    known = [((lasts - gap) / hypot(0.1, 5e-3 * gap), part, lasts, gap) for part, lasts, gap in gaps if isfinite(gap)]
     if not known:
-        return not_made(CLOCK, "two blocks with start times")
-    beyond = [(lasts - gap) / hypot(0.1, 5e-3 * gap) for _, lasts, gap in known]
-    worst = int(np.argmax(beyond))
-    part, lasts, gap = known[worst]
-    text = (
-        f"{name}, block {part.number + 1}: its column of time spans {quantity(lasts, 's')}, the next block begins "
-        f"after {quantity(gap, 's')}"
-    )
-    check = bounded(CLOCK, text, beyond[worst], 1.0, at_most=0.0, file=name, line=part.header_line)
+        return not_made(_CLOCK, "two blocks with start times")
+    beyond, part, lasts, gap = max(known, key=lambda one: one[0])
+    text = f"{part}: its column of time spans {quantity(lasts, 's')}, the next block begins after {quantity(gap, 's')}"
+    check = bounded(_CLOCK, text, beyond, 1.0, at_most=0.0, **part.place)
     if check.level is None or not gap > 0.0:
         return check
     return replace(check, log_ratio=log(lasts / gap), u_log_ratio=_U_CLOCK)
 
 
-def _direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
-    for part in blocks:
-        travel = part.moved(part.position) if part.function in (RELAXATION, FIND_CONTACT) else 0.0
-        wanted = 1.0 if part.text("Direction").startswith("Pos") else -1.0 if part.text("Direction") else nan
-        if part.function == RELAXATION:
-            wanted = part.declared("Amplitude")[0]
-        if abs(travel) < 1e-6 or not isfinite(wanted):
-            continue
-        is_back = travel * wanted < 0.0
-        text = f"{name}, block {part.number + 1}: the stage moves by {quantity(travel, 'm')}"
-        text += ", against the declared direction" if is_back else ", as declared"
-        cause = f"the sign of the column of the position is wrong (line {part.header_line})"
-        level: Level | None = "impossible" if is_back else None
-        return stated(DIRECTION, text, level, cause=cause, file=name, line=part.header_line)
-    return not_made(DIRECTION, "a ramp or an approach with a declared direction")
+def _direction_of_motion(blocks: Sequence[Part]) -> Check:
+    for part in (part for part in blocks if part.function in (RELAXATION, FIND_CONTACT)):
+        travel = part.moved(part.position)
+        if abs(travel) >= 1e-6 and isfinite(part.direction):
+            is_back = travel * part.direction < 0.0
+            text = f"{part}: the stage moves by {quantity(travel, 'm')}"
+            text += ", against the declared direction" if is_back else ", as declared"
+            cause = f"the sign of the column of the position is wrong (line {part.header_line})"
+            return stated(_DIRECTION, text, "impossible" if is_back else None, cause=cause, **part.place)
+    return not_made(_DIRECTION, "a ramp or an approach with a declared direction")
 
 
-def _sign_of_stiffness(name: str, blocks: Sequence[Part]) -> Check:
-    found = ((part, *part.stiffness) for part in blocks if part.function in (OSCILLATION, RELAXATION))
-    part, k, u = next(((part, k, u) for part, k, u, follows in found if follows), (blocks[0], nan, nan))
-    if not isfinite(k):
-        return not_made(SIGN, "a motion in contact, and a force that follows it")
-    text = f"{name}, block {part.number + 1}: stiffness {quantity(k, 'N/m')}"
-    cause = _direction_of_motion(name, blocks).cause or (
-        f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
-        f"(line {part.header_place('Load Cell Type')}), which says the sign of compression"
-    )
-    return bounded(SIGN, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, file=name, line=part.header_line)
+def _responses(blocks: Sequence[Part], backwards: str) -> Iterator[Check]:
+    """Evaluate how the force follows the motion: at all, with which sign, and how far to the side.
+
+    ``backwards`` is the cause of a stage that moves against its declared direction.
+    """
+    pressed = [part for part in blocks if part.function in (OSCILLATION, RELAXATION)]
+    known = [(part, k, u) for part in pressed for k, u, _ in [part.stiffness] if isfinite(k)]
+    following = [(part, k, u) for part, k, u in known if part.stiffness[2]]
+    if following:
+        part, k, u = following[0]
+        yield stated(_RESPONSE, f"{part.file}: the force follows the motion", None, file=part.file)
+        place = next((i for i, line in enumerate(part.header["info_lines"]) if line.startswith("Load Cell Type")), 0)
+        cause = backwards or (
+            f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
+            f"(line {part.line + 1 + place}), which says the sign of compression"
+        )
+        text = f"{part}: stiffness {quantity(k, 'N/m')}"
+        yield bounded(_SIGN, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
+    elif known:
+        part = known[0][0]
+        spread = max(float(np.nanmax(part.force) - np.nanmin(part.force)) for part, *_ in known)
+        does = f"scatters over {quantity(spread, 'N')} and does not follow, while" if spread else "is constant while"
+        cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
+        text = f"{part.file}: the force {does} the stage moves"
+        yield stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
+    else:
+        yield not_made(_RESPONSE, "a motion of the stage")
+    if not following:
+        yield not_made(_SIGN, "a motion in contact, and a force that follows it")
+    aside = [(*_lateral(part), part) for part, *_ in following if part.lateral]
+    if aside:
+        worst, u, part = max(aside, key=lambda one: one[0])
+        text = (
+            f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is expected "
+        )
+        cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
+        place_of: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
+        yield bounded(ALIGNMENT, f"{text}of an aligned punch", worst, max(u, 1e-3), at_most=_LATERAL, **place_of)
+    elif any(part.lateral for part in blocks):
+        yield not_made(ALIGNMENT, "a force that follows the motion")
 
 
-def _response_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    title = "response of the cell"
-    known = [part for part in blocks if part.function in (OSCILLATION, RELAXATION) and isfinite(part.stiffness[0])]
-    if not known:
-        return not_made(title, "a motion of the stage")
-    if any(part.stiffness[2] for part in known):
-        return stated(title, f"{name}: the force follows the motion", None, file=name)
-    spread = max(float(np.nanmax(part.force) - np.nanmin(part.force)) for part in known)
-    does = f"scatters over {quantity(spread, 'N')} and does not follow, while" if spread else "is constant while"
-    cause = f"the load cell was dead or not connected, or another axis was recorded (line {known[0].header_line})"
-    text = f"{name}: the force {does} the stage moves"
-    return stated(title, text, "impossible", cause=cause, file=name, line=known[0].header_line)
+def _lateral(part: Part) -> tuple[float, float]:
+    """Return the slope of the lateral over the normal force, and its standard uncertainty."""
+    slopes, variance = [], 0.0
+    for side in part.lateral:
+        known = np.isfinite(side) & np.isfinite(part.force)
+        (slope, _), covariance = np.polyfit(part.force[known], side[known], 1, cov=True)
+        slopes.append(slope)
+        variance += float(covariance[0, 0])
+    return hypot(*slopes), variance**0.5
 
 
-def _alignment(name: str, blocks: Sequence[Part]) -> Check:
-    """Compare the lateral force of a six-axis cell with the normal force: the slopes of Fx and Fy over Fz."""
-    worst, u, where = nan, nan, blocks[0]
-    for part in (p for p in blocks if p.function in (OSCILLATION, RELAXATION) and p.stiffness[2]):
-        slopes, variance = [], 0.0
-        for side in part.lateral:
-            known = np.isfinite(side) & np.isfinite(part.force)
-            slope, offset = np.polyfit(part.force[known], side[known], 1)
-            left = side[known] - slope * part.force[known] - offset
-            slopes.append(slope)
-            variance += float(np.var(left) / (np.var(part.force[known]) * known.sum()))
-        if slopes and not hypot(*slopes) <= worst:
-            worst, u, where = hypot(*slopes), variance**0.5, part
-    if not isfinite(worst):
-        return not_made(ALIGNMENT, "a force that follows the motion")
-    text = f"{name}, block {where.number + 1}: the lateral force changes by {worst:.2g} of the normal force, at most "
-    text += f"{_LATERAL:g} is expected of an aligned punch"
-    cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
-    return bounded(
-        ALIGNMENT, text, worst, max(u, 1e-3), at_most=_LATERAL, is_law=False, cause=cause, file=name,
-        line=where.header_line,
-    )  # fmt: skip
-
-
-def _saturation(name: str, blocks: Sequence[Part]) -> Check:
-    title = "saturation of the cell"
-    for part in (p for p in blocks if p.function in (OSCILLATION, RELAXATION)):
+def _saturation(blocks: Sequence[Part]) -> Check:
+    for part in (part for part in blocks if part.function in (OSCILLATION, RELAXATION)):
         force = part.force[np.isfinite(part.force)]
         steps = np.abs(np.diff(force))
         step = float(np.min(steps[steps > 0.0], initial=np.inf))
         for extreme in (float(force.max()), float(force.min())) if np.isfinite(step) else ():
             n, first = longest_run(np.abs(force - extreme) < 0.5 * step)
-            sides = [force[max(first - n, 0)], force[min(first + 2 * n - 1, force.size - 1)]]
-            leaves = max(abs(s - extreme) for s in sides)
+            sides = force[[max(first - n, 0), min(first + 2 * n - 1, force.size - 1)]]
+            leaves = float(np.abs(sides - extreme).max())
             if n >= _RUN and leaves > _LEAVES * max(step, 1e-4 * float(np.ptp(force))):
-                text = (
-                    f"{name}, block {part.number + 1}: the force stays at {quantity(extreme, 'N')} for {n} readings "
-                    f"from {quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
-                )
+                text = f"{part}: the force stays at {quantity(extreme, 'N')} for {n} readings from "
+                text += f"{quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
                 cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
-                return stated(title, text, "impossible", cause=cause, file=name, line=part.header_line)
-    return stated(title, f"{name}: no flat extremes", None, file=name)
+                return stated(_SATURATION, text, "impossible", cause=cause, **part.place)
+    return stated(_SATURATION, f"{blocks[0].file}: no flat extremes", None, file=blocks[0].file)
 
 
-def _capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
+def _capacity_of_cell(blocks: Sequence[Part]) -> Check:
     """Compare the largest force with the capacity in the name of the cell, such as "25kg SN:1886652"."""
-    cell, line = str((blocks[0].header.get("load_cell") or {}).get("name") or ""), blocks[0].header_line
+    part = blocks[0]
+    cell = str((part.header.get("load_cell") or {}).get("name") or "")
     said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
     if said is None:
-        return not_made(CAPACITY, "a load cell whose name says its capacity")
-    capacity = float(said[1]) * FORCES[_CELLS.get(said[2], said[2])]
+        return not_made(_CAPACITY, "a load cell whose name says its capacity")
+    capacity = float(said[1]) * _FORCES[_CELLS.get(said[2], said[2])]
     largest = max(float(np.nanmax(np.abs(part.force))) for part in blocks)
-    text = f"{name}: up to {quantity(largest, 'N')} with a cell of {quantity(capacity, 'N')} ({cell})"
-    cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {line})"
-    return bounded(CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, cause=cause, file=name, line=line)
+    text = f"{part.file}: up to {quantity(largest, 'N')} with a cell of {quantity(capacity, 'N')} ({cell})"
+    cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
+    return bounded(_CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, cause=cause, **part.place)
 
 
-def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
-    """Check the record of the load cell: its scale, and the delay of its filter."""
-    gain, record = float(loads["gain"]), load_cell.record or ""
-    found = [day_known(loads, record)]
-    if not record:
-        found.append(not_made(SCALE, "a calibration record of the load cell"))
-    else:
-        off = abs(log(abs(gain))) if gain else np.inf
-        level: Level | None = (
-            "impossible" if off > log(_WRONG_FACTOR) else "doubtful" if off > log(_OWN_FACTOR) else None
-        )
-        text = f"{record}: true force is {gain:.4g} times the displayed one"
-        cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
-        found.append(stated(SCALE, text, level, cause=cause, file=record, setting="values.scale"))
-    declared = mach1_readings.declared_filter(loads)
-    measured = json.loads(loads.attrs.get("filter_delay", "null"))
-    if declared is None or measured is None:
-        return [*found, not_made(DELAY, "a measured delay, and a declared filter")]
-    value, u = measured
-    expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null")).value
-    text = (
-        f"{record}: the delay is {quantity(value, 's')}, a filter of order {int(declared['order'])} and "
-        f"{declared['cutoff']:.3g} Hz has about {quantity(expected, 's')}"
-    )
-    cause = f"the delay of the filter in {record} is probably {quantity(expected, 's')}, not {quantity(value, 's')}"
-    allowance, place = (_LATER if value > expected else _SOONER) * expected, "values.filter_delay"
-    check = compared(
-        DELAY, text, value, u, expected, 0.1 * expected, allowance=allowance, file=record, setting=place, cause=cause
-    )
-    return [*found, check]
-
-
-def _left_out(name: str, blocks: Sequence[Part]) -> Check:
+def _left_out(blocks: Sequence[Part]) -> Check:
     """Name the readings that were left out as outliers, those of the block with the largest deviation."""
     known = [(part, run) for part in blocks for run in part.outliers if run["column"] in ("position_z", "force_z")]
     if not known:
-        return stated(OUTLIERS, f"{name}: no outliers", None, file=name)
+        return stated(_OUTLIERS, f"{blocks[0].file}: no outliers", None, file=blocks[0].file)
     part, largest = max(known, key=lambda one: float(one[1]["by"]))
-    column, first, last = str(largest["column"]).removesuffix("_z"), int(largest["first"]), int(largest["last"])
+    column, first = str(largest["column"]).removesuffix("_z"), int(largest["first"])
     count = sum(run["last"] - run["first"] + 1 for run in part.outliers)
-    line, end = part.row_line(first), part.row_line(last)
-    by = quantity(float(largest["by"]), "m" if column == "position" else "N")
+    line, end = part.row_line(first), part.row_line(int(largest["last"]))
     where = f"line {line}" if line == end else f"lines {line}-{end}"
     text = (
-        f"{name}, block {part.number + 1}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the "
-        f"largest deviation {by} of the {column} in {where}, at {quantity(float(part.time[first]), 's')}"
+        f"{part}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the largest deviation "
+        f"{quantity(float(largest['by']), 'm' if column == 'position' else 'N')} of the {column} in {where}, at "
+        f"{quantity(float(part.time[first]), 's')}"
     )
     level: Level = "doubtful" if count > _MANY * part.force.size else "note"
     cause = f"a disturbance, or a value that was edited, in line {line}"
-    return stated(OUTLIERS, text, level, cause=cause, file=name, line=line)
+    return stated(_OUTLIERS, text, level, cause=cause, file=part.file, line=line)
+
+
+def _at_all_depths(checks: Sequence[Check]) -> Check:
+    """Compare the forces of the files, each over that of the model at its depth."""
+    ratios = [(c.file, c.log_ratio) for c in checks if c.name == _RATIO and isfinite(c.log_ratio)]
+    if len(ratios) < 2:
+        return not_made(_DEPTHS, "two files, and a model")
+    logs = np.array([ratio for _, ratio in ratios])
+    worst = int(np.argmax(np.abs(logs - np.median(logs))))
+    others = float(np.mean(np.delete(logs, worst)))
+    gap, file = float(logs[worst]) - others, ratios[worst][0]
+    text = (
+        f"{file}: {in_words(exp(logs[worst]))} times the simulated force, {in_words(exp(others))} times in the others"
+    )
+    level: Level | None = "impossible" if abs(gap) > log(3.0) else "doubtful" if abs(gap) > _OF_DEPTHS else None
+    cause = f"the forces of {file} are {too_large(exp(gap))}: its scale, the specimen, the punch or the position of "
+    cause += "first touch is another than in the other files"
+    if len(ratios) == 2:
+        cause = f"the scale, the specimen or the punch of {ratios[0][0]} and {ratios[1][0]} are not the same"
+    return Check(_DEPTHS, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause, file=file)
 
 
 def phase(name: str, lag: float, u: float, frequency: float, record: str | None) -> Check:
@@ -362,4 +372,125 @@ def phase(name: str, lag: float, u: float, frequency: float, record: str | None)
     text = f"{name}: the force {'lags' if lag < 0.0 else 'leads'} by {abs(lag) * 180 / pi:.2f}° at {frequency:.3g} Hz"
     cause = "the columns are swapped, a sign is wrong, or the delay of the cell's filter is not what "
     cause += f"{record or 'its header'} says{', or the stage has play (backlash)' if lag < 0.0 else ''}"
-    return bounded(PHASE, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)
+    return bounded(_PHASE, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)
+
+
+def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
+    """Check the record of the load cell: its scale, and the delay of its filter."""
+    gain, record = float(loads["gain"]), load_cell.record or ""
+    yield judgements.day_known(loads, record)
+    if not record:
+        yield not_made(_SCALE, "a calibration record of the load cell")
+    else:
+        off = abs(log(abs(gain))) if gain else np.inf
+        level: Level | None = "doubtful" if off > log(_OWN_FACTOR) else None
+        text = f"{record}: true force is {gain:.4g} times the displayed one"
+        cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
+        level = "impossible" if off > log(_WRONG_FACTOR) else level
+        yield stated(_SCALE, text, level, cause=cause, file=record, setting="values.scale")
+    declared = mach1_readings.declared_filter(loads)
+    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    if declared is None or measured is None:
+        yield not_made(_DELAY, "a measured delay, and a declared filter")
+        return
+    value, u = measured
+    expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null")).value
+    seen, usual = quantity(value, "s"), quantity(expected, "s")
+    text = f"{record}: the delay is {seen}, a filter of order {int(declared['order'])} and {declared['cutoff']:.3g} Hz "
+    cause = f"the delay of the filter in {record} is probably {usual}, not {seen}"
+    place: dict[str, Any] = {"file": record, "setting": "values.filter_delay", "cause": cause}
+    place["allowance"] = (_LATER if value > expected else _SOONER) * expected
+    yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
+
+
+def _of_force(test: Tested) -> Check:
+    """Compare a force with that of the model for the named material.
+
+    A solid that is known by its name has a plausible range: a force outside of it is doubtful, never impossible.
+    """
+    if not (isfinite(test.expected) and test.expected > 0.0 and test.force > 0.0):
+        return not_made(_RATIO, "a model")
+    ratio, seen, expected = log(test.force / test.expected), quantity(test.force, "N"), quantity(test.expected, "N")
+    text = f"{test.name}: {seen} measured, {expected} expected of the named material"
+    check = bounded(_RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=test.name)
+    return replace(check, log_ratio=ratio, u_log_ratio=_U_MATERIAL)
+
+
+def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:
+    """Check the geometry that the session states against itself and the largest depth [m]."""
+    punch = settings.punch
+    if punch is None:
+        yield not_made(_SIZE, "a punch")
+        return
+    radius, period, depth = (each.value for each in (punch.radius, punch.period, punch.depth))
+    rows = [
+        (_SIZE, "punch.depth", f"length of a tip: {quantity(depth, 'm')}", depth, _LARGE_PUNCH, _LARGEST_PUNCH),
+        (_SIZE, "punch.radius", f"radius of a tip: {quantity(radius, 'm')}", radius, _LARGE_PUNCH, _LARGEST_PUNCH),
+    ]
+    width = punch.tips * period
+    text = f"{punch.tips} tips together: {quantity(width, 'm')}"
+    rows.append((_SIZE, "punch.tips", text, width, _LARGE_PUNCH, _LARGEST_PUNCH))
+    if deepest > 0.0 and settings.model.profile != "cosine":
+        share = float(deepest / westergaard.full_contact(radius, period, "parabola"))
+        text = f"at a depth of {quantity(deepest, 'm')} a tip of {quantity(radius, 'm')} meets the surface over "
+        text += f"{quantity(2 * (2 * radius * deepest) ** 0.5, 'm')}; the period is {quantity(period, 'm')}"
+        rows.append((_PERIOD, "punch.period", text, share, 0.5, 1.0))
+    else:
+        yield not_made(_PERIOD, "a depth, and tips that are no waves")
+    for name, setting, text, value, large, most in rows:
+        level: Level | None = "impossible" if value > most else "doubtful" if value > large else None
+        cause = f"{setting} in session.toml is wrong: its unit, or its number"
+        cause += "; or punch.period is" if setting == "punch.tips" else ""
+        if name == _PERIOD:
+            cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
+        yield stated(name, text, level, cause=cause, setting=setting)
+
+
+def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequence[Check]) -> Iterator[Cause]:
+    """Yield the mistakes with a file, a column or a setting that multiply a measured quantity."""
+    blocks = parts(name, readings)
+    if not blocks:
+        return
+    line, record, punch = blocks[0].header_line, settings.load_cell.record, settings.punch
+    units = [str(readings[column].attrs["original_unit"]).replace("um", "µm") for column in ("position_z", "force_z")]
+
+    def of_column(of: str, unit: str, units: Mapping[str, float]) -> Callable[[float], str]:
+        def say(k: float) -> str:
+            away = {other: abs(log(k * size / units[unit])) for other, size in units.items() if other != unit}
+            near = min(away, key=lambda other: away[other])
+            is_in = f": in {near} under {unit}" if away[near] < log(1.1) else ""
+            return f"the column of the {of} is {too_large(k)}{is_in} (line {line})"
+
+        return say
+
+    def of_command(check: Check) -> Callable[[float], str]:
+        key = _COMMANDS[check.name][1].lower()
+        return lambda k: f"the declared {key} is {too_large(k)} (line {check.line} of {name})"
+
+    for check in (check for check in checks if check.name in _COMMANDS and check.level and check.line):
+        decimals = (10.0, 0.1, 2.0, 0.5, 1e3, 1e-3, 100.0, 0.01)
+        yield Cause({check.name: -1.0}, of_command(check), decimals, file=name, line=check.line)
+    of_time = {_FREQUENCY: -1.0, _SPEED: -1.0, _CLOCK: 1.0}
+    yield Cause(of_time, of_column("time", "s", _TIMES), _FACTORS, file=name, line=line)
+    of_length, said = (
+        {_AMPLITUDE: 1.0, _TRAVEL: 1.0, _SPEED: 1.0, _RATIO: -1.1},
+        of_column("position", units[0], _LENGTHS),
+    )
+    yield Cause(of_length, said, _FACTORS, file=name, line=line)
+    others = tuple(_FORCES[units[1]] / size for unit, size in _FORCES.items() if unit != units[1])
+    yield Cause({_RATIO: 1.0}, of_column("force", units[1], _FORCES), others, only_usual=True, file=name, line=line)
+    # a record that hardly changes what the tester shows is not where a factor of ten comes from
+    if record and not any(check.name == _SCALE and check.is_made and check.level is None for check in checks):
+        of_scale = f"the scale of the load cell in {record} is "
+        place: dict[str, Any] = {"file": record, "setting": "values.scale"}
+        yield Cause({_RATIO: 1.0}, lambda k: of_scale + too_large(k), (10.0, 100.0), only_usual=True, **place)
+    other = "no slip of a unit explains it: another material, {} times as stiff, was pressed or is named"
+    yield Cause({_RATIO: 1.0}, lambda k: other.format(in_words(k)), setting="substrate.material")
+    if punch is not None:
+        tips, lengths = (*(10.0,) * (punch.tips % 10 == 0), 0.1), (1e3, 1e-3, 100.0, 10.0, 0.1)
+        for what, setting, value, unit, usual in (
+            ("number of tips", "punch.tips", float(punch.tips), "1", tips),
+            ("length of a tip", "punch.depth", punch.depth.value, "m", lengths),
+        ):
+            told = judgements.times_over(f"the {what}", value, unit, f"{setting} in session.toml")
+            yield Cause({_RATIO: -1.0}, told, usual, only_usual=True, setting=setting)

@@ -12,13 +12,13 @@ import calibration
 import instruments
 from calibration import load_cell
 from calibration.record import LoadCellRecord
-from labpipe.arrays import Floats, Integers
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
-from labpipe.signals import LONGEST_RUN, outliers
+from labpipe.signals import LONGEST_RUN
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_touch
-from pipelines.experiments.shared.exclusions import EXCLUDED, without_readings
+from pipelines.experiments.shared.exclusions import EXCLUDED, left_out, without_readings
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import named_columns
 
@@ -30,7 +30,7 @@ _APPROACH = "Find Contact"
 _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
 _CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
-_FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
+_FINENESS = mach1_touch.FINENESS  # steps per sample, so that a digital filter behaves as the analogue one
 _SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
@@ -41,7 +41,14 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
     A table whose columns the settings name is one block, of the function that the kind of experiment evaluates.
     """
     columns = named_columns(getattr(settings, "columns", None))
-    found = _without_excluded(instruments.read_table(path, "force", "mach1", columns=columns), settings)
+    found = instruments.read_table(path, "force", "mach1", columns=columns)
+    found = without_readings(found, settings, "position_", "force_")
+    for run in _runs(found[EXCLUDED].values != 0) if EXCLUDED in found else ():
+        if run.size > LONGEST_RUN:
+            raise InputError(
+                f"exclude: readings {run[0] + 1} to {run[-1] + 1}: at most {LONGEST_RUN} in a row can be left out of a "
+                "record that is evaluated at even sampling; exclude the whole file"
+            )
     if columns is None:
         return without_outliers(found)
     name = str(getattr(settings, "function", "Stress Relaxation"))
@@ -56,23 +63,10 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
     return without_outliers(found)
 
 
-def _without_excluded(readings: xr.Dataset, settings: object) -> xr.Dataset:
-    """Leave excluded readings out: NaN and :data:`EXCLUDED`; few in a row, as the analysis bridges them."""
-    made = without_readings(readings, settings, "position_", "force_")
-    if EXCLUDED not in made:
-        return readings
-    flags = made[EXCLUDED].values.astype(bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    for first, after in zip(edges[::2], edges[1::2], strict=True):
-        if after - first > LONGEST_RUN:
-            raise InputError(
-                f"exclude: readings {first + 1} to {after}: at most {LONGEST_RUN} in a row can be left out of a "
-                "record that is evaluated at even sampling; exclude the whole file"
-            )
-    columns = [str(n) for n in readings if str(n).startswith(("position_", "force_"))]
-    return made.assign_attrs(
-        excluded=json.dumps([[name, int(b)] for b in np.unique(readings["block"].values[flags]) for name in columns])
-    )
+def _runs(flags: Flags) -> list[Integers]:
+    """Return the places of each run of true flags."""
+    places = np.flatnonzero(flags)
+    return np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if places.size else []
 
 
 def without_outliers(readings: xr.Dataset) -> xr.Dataset:
@@ -82,28 +76,24 @@ def without_outliers(readings: xr.Dataset) -> xr.Dataset:
     for each run its column, block, first and last index in the block, and largest deviation [m or N].
     """
     block, time = readings["block"].values, readings["time"].values
-    made, left_out = readings.copy(), []
-    status = np.zeros(block.size, np.int8)
-    for name in (str(n) for n in readings if str(n).startswith(("position_", "force_"))):
+    made, runs, status = readings.copy(), [], np.zeros(block.size, np.int8)
+    for name in _columns(readings):
         values = readings[name].values.astype(float)
         for number in np.unique(block):
             where = np.flatnonzero(block == number)
-            rising = np.all(np.diff(time[where]) > 0)
-            found = outliers(values[where], time[where] if rising else None)
-            if not found.runs:
-                continue
-            off = np.abs(values[where] - bridged(np.where(found.flags, np.nan, values[where]), time[where]))
-            left_out += [
-                {"column": name, "block": int(number), "first": a, "last": b, "by": float(off[a : b + 1].max())}
-                for a, b in found.runs
-            ]
-            values[where[found.flags]] = np.nan
-            status[where[found.flags]] = 1
+            flags, found = left_out(values[where], time[where])
+            runs += [{"column": name, "block": int(number), "first": a, "last": b, "by": by} for a, b, by in found]
+            values[where[flags]] = np.nan
+            status[where[flags]] = 1
         made[name] = readings[name].copy(data=values)
-    if not left_out:
+    if not runs:
         return readings
     made["status"] = ("sample", status, _STATE)
-    return made.assign_attrs(outliers=json.dumps(left_out))
+    return made.assign_attrs(outliers=json.dumps(runs))
+
+
+def _columns(readings: xr.Dataset) -> list[str]:
+    return [name for name in map(str, readings) if name.startswith(("position_", "force_"))]
 
 
 def bridged(values: Floats, time: Floats) -> Floats:
@@ -126,22 +116,25 @@ def loads(readings: xr.Dataset, record: Path | None, *, settings: Indentation) -
     Readings that were left out are bridged: at most ten in a row, by the curve through their neighbours.
     Without a calibration record of the cell the gain's uncertainty is NaN.
     """
-    left_out = [(run["column"], run["block"]) for run in json.loads(readings.attrs.get("outliers", "[]"))]
-    left_out += map(tuple, json.loads(readings.attrs.get("excluded", "[]")))
-    for name, number in sorted(set(left_out)):
-        where, values = readings["block"].values == number, readings[name].values.copy()
-        values[where] = bridged(values[where], readings["time"].values[where])
-        readings = readings.assign({name: readings[name].copy(data=values)})
-    tare, begins_free = settings.load_cell.tare, str(readings["function"].values[0]) == _APPROACH
-    if tare and not begins_free:
+    del settings
+    lost = [readings[name].values != 0 for name in ("status", EXCLUDED) if name in readings]
+    block = readings["block"].values
+    for number in np.unique(block[np.any(lost, axis=0)]) if lost else ():
+        where = block == number
+        for name in _columns(readings):
+            values = readings[name].values.astype(float)
+            values[where] = bridged(values[where], readings["time"].values[where])
+            readings = readings.assign({name: readings[name].copy(data=values)})
+    begins_free = str(readings["function"].values[0]) == _APPROACH
+    if not begins_free:
         text = "peaks, plateaus and mean forces include the cell's offset and a preload; amplitudes and work do not"
         warnings.warn(f"the file begins in contact, so the force is not tared: {text}", stacklevel=2)
     known = None if record is None else calibration.load_record(record)
-    made = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
+    made = load_cell.force(readings, known, zero="start" if begins_free else None)
     made = made.merge(readings[[n for n in readings.data_vars if n not in made and n != "force_z"]])
     delay = known.values.filter_delay if isinstance(known, LoadCellRecord) else None
     made.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
-    made.attrs["is_tared"] = int(tare and begins_free)
+    made.attrs["is_tared"] = int(begins_free)
     return made.assign_attrs(blocks=readings.attrs["blocks"], source=readings.attrs.get("source", ""))
 
 
@@ -151,9 +144,29 @@ def rows(loads: xr.Dataset, block: int) -> slice:
     return slice(int(where[0]), int(where[-1]) + 1)
 
 
+def blocks_of(loads: xr.Dataset, function: str) -> list[int]:
+    """Return the numbers of the blocks of a function of the tester; InputError where there is none."""
+    functions = [str(name) for name in loads["function"].values]
+    if function not in functions:
+        known = ", ".join(sorted(set(functions)))
+        raise InputError(f"the file holds no {function} block; its blocks are: {known}")
+    return [i for i, name in enumerate(functions) if name == function]
+
+
+def relative_gain(loads: xr.Dataset) -> float:
+    """Return the relative uncertainty of the cell's gain; an unknown one is 0."""
+    return float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+
+
 def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
     """Return order and cutoff of the load cell's low-pass, when the header says so."""
     return load_cell.declared_filter(loads.attrs)
+
+
+def _measured_delay(loads: xr.Dataset) -> tuple[float, float] | None:
+    """Return the delay of the filter that the cell's record gives [s]."""
+    said = json.loads(loads.attrs.get("filter_delay", "null"))
+    return None if said is None else (said[0], said[1])
 
 
 def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None:
@@ -162,21 +175,18 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
     A delay that the cell's record gives stretches the lag of the assumed filter, so that how it
     changes with frequency is kept; its uncertainty then replaces that of the filter's type.
     """
-    declared = declared_filter(loads)
+    declared, measured = declared_filter(loads), _measured_delay(loads)
     if declared is None:
         return None
     order, cutoff = int(declared["order"]), float(declared["cutoff"])
     lag = load_cell.filter_lag(frequency, order, cutoff)
-    measured = json.loads(loads.attrs.get("filter_delay", "null"))
     if measured is None:
         return lag
-    value, u = measured
-    slow = load_cell.filter_lag(_SLOW * cutoff, order, cutoff).delay
-    note = "delay measured, see the record of the load cell"
+    longer, u = (each / load_cell.filter_lag(_SLOW * cutoff, order, cutoff).delay for each in measured)
     # where the delay leaves one kind of filter, its gain is known
     u_gain = 0.0 if filter_kinds(loads) == _KINDS[:1] else lag.u_gain
-    phase, u_phase, delay = lag.phase * value / slow, lag.phase * u / slow, lag.delay * value / slow
-    return lag._replace(u_gain=u_gain, phase=phase, u_phase=u_phase, delay=delay, note=note)
+    lags = {"phase": lag.phase * longer, "u_phase": lag.phase * u, "delay": lag.delay * longer}
+    return lag._replace(u_gain=u_gain, **lags, note="delay measured, see the record of the load cell")
 
 
 def filter_delay(loads: xr.Dataset) -> Quantity:
@@ -184,9 +194,7 @@ def filter_delay(loads: xr.Dataset) -> Quantity:
     declared = declared_filter(loads)
     slow = 0.0 if declared is None else _SLOW * float(declared["cutoff"])
     lag = force_lag(loads, slow) if slow else None
-    if lag is None:
-        return Quantity(0.0, 0.0, "s")
-    return Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
+    return Quantity(0.0, 0.0, "s") if lag is None else Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
 
 
 def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
@@ -196,8 +204,7 @@ def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
     """
     from scipy.signal import besselap, buttap
 
-    declared = declared_filter(loads)
-    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    declared, measured = declared_filter(loads), _measured_delay(loads)
     if declared is None or measured is None:
         return _KINDS
     order, turn, (value, u) = int(declared["order"]), 2 * np.pi * declared["cutoff"], measured
@@ -220,13 +227,13 @@ def filtered(
     if declared is None:
         return force_values
     coarse = np.arange(force_values.size)
-    fine = np.arange(force_values.size * _FILTER_FINENESS) / _FILTER_FINENESS
+    fine = np.arange(force_values.size * _FINENESS) / _FINENESS
     # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
     force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
-    rate = _FILTER_FINENESS / interval
+    rate = _FINENESS / interval
     sections = _sections(declared, kind, rate)
     passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
-    return passed[::_FILTER_FINENESS]
+    return passed[::_FINENESS]
 
 
 def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
@@ -248,17 +255,16 @@ def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
 
 def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
     """Return the load cell's filter (section, 6) at a rate [Hz]."""
-    from scipy.signal import bessel, butter
+    from scipy.signal import iirfilter
 
     order, cutoff = int(declared["order"]), declared["cutoff"]
     if cutoff >= 0.5 * rate:
         raise InputError(
-            f"readings every {_FILTER_FINENESS / rate:.3g} s cannot have passed the load cell's low-pass of {cutoff:g} "
+            f"readings every {_FINENESS / rate:.3g} s cannot have passed the load cell's low-pass of {cutoff:g} "
             "Hz as the header declares it; the column of the time, or the cutoff in the header, is wrong"
         )
-    if kind == "bessel":
-        return np.asarray(bessel(order, cutoff, fs=rate, output="sos", norm="mag"))
-    return np.asarray(butter(order, cutoff, fs=rate, output="sos"))
+    kinds = {"butterworth": "butter", "bessel": "bessel_mag"}
+    return np.asarray(iirfilter(order, cutoff, btype="lowpass", ftype=kinds[kind], fs=rate, output="sos"))
 
 
 def clock(loads: xr.Dataset) -> Floats:
@@ -292,8 +298,8 @@ def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantit
     part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
     declared, filters, delay = declared_filter(loads), [np.empty((0, 6))], 0.0
     if declared is not None:
-        interval, cutoff = float(np.median(np.diff(part["time"].values))), declared["cutoff"]
-        filters = [_sections(declared, kind, mach1_touch.FINENESS / interval) for kind in filter_kinds(part)]
+        rate, cutoff = _FINENESS / float(np.median(np.diff(part["time"].values))), declared["cutoff"]
+        filters = [_sections(declared, kind, rate) for kind in filter_kinds(part)]
         delay = load_cell.filter_lag(_SLOW * cutoff, int(declared["order"]), cutoff).delay
     found = mach1_touch.touched(part, delay, filters)
     return found, "fitted to the force of the Find Contact block, with the cell's filter"
@@ -320,10 +326,7 @@ def history(time: Floats, displacement: Floats) -> Integers:
     moving = np.concatenate([[True], np.diff(displacement) != 0])
     moving[:-1] |= moving[1:]
     kept: list[Integers] = [np.flatnonzero(moving), np.array([0, time.size - 1])]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~moving).astype(int), [0]])))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        count = last - first
-        points = max(4, int(np.log10(count) * _POINTS_PER_DECADE))
-        picks = np.arange(count) if count < 4 else np.geomspace(1, count, points).astype(int) - 1
-        kept.append(first + picks)
+    for rest in _runs(~moving):
+        points = max(4, int(np.log10(rest.size) * _POINTS_PER_DECADE))
+        kept.append(rest[np.geomspace(1, rest.size, points).astype(int) - 1] if rest.size >= 4 else rest)
     return np.unique(np.concatenate(kept)).astype(np.int64)

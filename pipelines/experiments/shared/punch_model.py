@@ -18,15 +18,16 @@ from labpipe import contact
 from labpipe.arrays import Floats, Integers
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
+from labpipe.identification import lee_radok_basis
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared.mach1_readings import relative_gain
 from pipelines.experiments.shared.material_choice import Variation, resolve, variations
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
-from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 TOUCH = "first touch"
 NOTHING_NAMED = "session.toml names no punch and no substrate, so nothing was simulated"
@@ -193,11 +194,15 @@ def simulated(
     work.pop("seconds", None)  # the clock has no place in a stored result
     work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
     area = elastic_force(depth[kept], geometry)
-    best = _superposed(time[kept], area, solid)
+
+    def superposed(area: Floats, solid: Prony) -> Floats:
+        basis = lee_radok_basis(time[kept], area, np.asarray(solid.rho), geometry.nu, may_recede=True)
+        return np.asarray(basis @ [solid.E_relaxed, *solid.E])
+
+    best = superposed(area, solid)
 
     def change(area: Floats, solid: Prony) -> Floats:
-        made = (_superposed(time[kept], area, solid) - best) / (1.0 - geometry.nu**2)
-        return np.interp(time, time[kept], made)
+        return np.interp(time, time[kept], superposed(area, solid) - best)
 
     # By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
     # doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while
@@ -214,19 +219,3 @@ def simulated(
     effects[_TIPS] = Effect(Quantity(tips, 0.0, "1"), _RELATIVE_CHANGE * tips, _RELATIVE_CHANGE * force)
     effects |= {name: Effect(other.given, other.change, change(area, other.solid)) for name, other in others.items()}
     return force, effects, attrs | {"work": json.dumps(work)}
-
-
-def _superposed(time: Floats, area: Floats, solid: Prony) -> Floats:
-    """Return ∫ E(t − s) dA(s) for A linear between samples and 0 before [Pa m²]."""
-    E, rho = np.asarray(solid.E), np.asarray(solid.rho)
-    level = np.full(rho.size, area[0])
-    force = solid.E_relaxed * area
-    force[0] += float(E @ level)
-    step = np.diff(time)
-    x = step[:, None] / rho
-    decay = np.exp(-x)
-    gained = np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0.0, x, 1.0), 1.0) * np.diff(area)[:, None]
-    for n in range(step.size):
-        level = level * decay[n] + gained[n]
-        force[n + 1] += float(E @ level)
-    return force

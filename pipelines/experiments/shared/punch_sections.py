@@ -1,24 +1,12 @@
 """Sections that the reports of indentations share."""
 
-import json
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.report import (
-    Block,
-    Details,
-    KeyValues,
-    Listed,
-    Notice,
-    Section,
-    budget_table,
-    listed,
-    value_with_uncertainty,
-)
+from labpipe.report import Block, Details, KeyValues, Listed, Section, listed, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.punch_model import NOTHING_NAMED
@@ -26,22 +14,10 @@ from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.reports import is_there
 
 
-def summary(
-    settings: Indentation,
-    context: Context,
-    rows: Sequence[tuple[str, str, str]],
-    errors: Floats | None,
-    reasons: Sequence[str] = (),
-) -> Section:
-    """Show key numbers and the errors of the model (test,), or the ``reasons`` why there are none."""
-    if errors is not None:
-        remark = "root mean square of measured minus model, over the range of the simulated force"
-        rows, reasons = [*rows, ("nRMSE of force", f"{pages.spanned(100 * errors, '.3g')} %", remark)], ()
-    elif settings.punch is None or settings.substrate is None:
-        reasons = (NOTHING_NAMED,)
-    table = [KeyValues(rows)] if rows else []
-    absent = [Notice("info", f"No comparison with a model: {reason}.") for reason in reasons]
-    return Section("Summary", (*table, *absent, *pages.failed_notice(context)))
+def without_model(settings: Indentation) -> list[tuple[str, str, str]]:
+    """Return why nothing is compared with a model, as a row of the summary."""
+    is_named = settings.punch is not None and settings.substrate is not None
+    return [] if is_named else [("model", "none", NOTHING_NAMED)]
 
 
 def simulated_by(errors: Floats) -> str:
@@ -95,7 +71,7 @@ def measured(settings: Any, context: Context, readings: Any = None, loads: Any =
 
 
 def _cell(loads: xr.Dataset) -> list[Block]:
-    """Show tare, gain and the budget of the largest force."""
+    """Show tare and gain."""
     gain, u_gain = float(loads["gain"]), float(loads["u_gain"])
     known = math.isfinite(u_gain)
     unknown = "as applied by the instrument; its uncertainty is unknown without a calibration record"
@@ -104,5 +80,4 @@ def _cell(loads: xr.Dataset) -> list[Block]:
         ("gain of the load cell", value_with_uncertainty(gain, u_gain if known else 0.0), "" if known else unknown),
     ]
     record = loads.attrs["calibration"]
-    blocks: list[Block] = [KeyValues(rows), *([pages.calibration_rows(record)] if record.startswith("{") else [])]
-    return [*blocks, *budget_table(json.loads(loads.attrs["budget"]), "Budget for the largest force of the file", "N")]
+    return [KeyValues(rows), *([pages.calibration_rows(record)] if record.startswith("{") else [])]

@@ -25,13 +25,11 @@ class Substrate(MaterialChoice, frozen=True, kw_only=True):
 
 
 class LoadCell(Table, frozen=True, kw_only=True):
-    """Preparation of the force.
+    """The load cell.
 
-    ``tare`` subtracts the force of the quiet start; off for a test that starts in contact. ``record`` is the
-    calibration record of the cell: without it the gain's uncertainty is not known and counts in no result.
+    ``record`` is its calibration record: without it the gain's uncertainty is not known and counts in no result.
     """
 
-    tare: bool = True
     record: File | None = None
 
 

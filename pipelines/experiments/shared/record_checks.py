@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
 from math import erf, inf, log, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,9 +33,8 @@ _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a no
 _CHANCE = 1e-9  # probability of a run of equal readings that is reported
 _BLOCK = 48  # readings that do not repeat by chance
 _WINDOW = 24  # readings in which a lost or doubled one is looked for
-_BEFORE = 2e-3  # s before a release that was found, while which something may move already
 
-SMOOTHED, SINGLE_ROWS = "noise of neighbouring readings", "lost or doubled rows"
+SINGLE_ROWS = "lost or doubled rows"
 _WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 _HELD = (
     "the sensor was out of its range (clipped) or held its last value: the impact is not measured there; "
@@ -61,7 +61,7 @@ OF_LASER: Titles = {
     ),
     "noise": Title(
         "Noise is white, constant, without mains frequency, and not coarser than the display's resolution.",
-        ("mains hum", SMOOTHED, "resolution of the readings", "change of the noise"),
+        ("mains hum", "resolution of the readings", "change of the noise"),
     ),
     "files": Title("No two recordings contain the same noise.", ("readings of another record",)),
 }  # fmt: skip
@@ -121,12 +121,6 @@ class Trace:
         """Write the time of a reading."""
         return quantity(float(self.time[index]), "s")
 
-    def rest(self, results: Sequence[xr.Dataset]) -> slice:
-        """Return the readings before a release that was found, else the first ones."""
-        found = [float(one["release_time"]) for one in results if "release_time" in one]
-        end = int(np.searchsorted(self.time, found[-1] - _BEFORE)) if found and np.isfinite(found[-1]) else 0
-        return slice(0, max(end, _QUIET))
-
     def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
         """Return a check of this record."""
         return stated(name, f"{self.name}: {text}", level, file=self.name, cause=cause)
@@ -149,7 +143,7 @@ def of_recordings(
     outputs = ((name, one) for name, one in read.items() if one is not None)
     traces = [t for name, one in outputs if (t := Trace.of(name, one, settings.sensor.output)) is not None]
     found = [c for t in traces for c in of_readings(t, gravity, moved.get(t.name), bounced.get(t.name))]
-    others = [placed(check, record) for check in failed_steps(context, failed)]
+    others = [placed(check, record, check.file) for check in failed_steps(context, failed)]
     return [*found, shared_rows(traces)], [*others, *of_record(moved, record)]
 
 
@@ -157,12 +151,11 @@ def of_readings(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> l
     """Evaluate continuity and noise of a record; ``found_in`` are its displacement and its bounces, where known."""
     if np.isfinite(trace.reading).sum() < 10 * _FLAT:
         return [not_made("readings", "sixty valid readings")]
-    results = [one for one in found_in if one is not None]
-    rest = trace.rest(results)
     held = held_readings(trace)
-    found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace), _smoothed(trace, rest)]
+    found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
     if held.level is None:
         found += [_jumps(trace), _single_rows(trace)]
+    results = [one for one in found_in if one is not None]
     if not results:
         found.append(not_made("mains hum", "a displacement"))
     line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
@@ -354,34 +347,6 @@ def _steady_noise(trace: Trace) -> Check:
     return trace.seen(name, text, "note" if sizes[high] > 3.0 * sizes[low] else None, cause)
 
 
-def _smoothed(trace: Trace, rest: slice) -> Check:
-    """Look for neighbouring readings that share their noise, as means over several readings do.
-
-    The mean square of x(t + k) - x(t) is the same for all k in white noise; a moving average of n readings lets it grow
-    in proportion to k up to n, a motion with k squared.
-    """
-    x = trace.reading[rest]
-    x = x[np.isfinite(x)]
-    if x.size < _QUIET:
-        return not_made(SMOOTHED, f"{_QUIET} readings at rest")
-    lags = 2 ** np.arange(int(np.log2(x.size / 3)) + 1)
-    of_display = trace.resolution**2 / 6.0  # added by rounding
-    apart = np.array([float(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags]) - of_display
-    first = int(np.argmax(apart > of_display))
-    grows, lag = np.diff(np.log2(np.maximum(apart[first:], 1e-300))), int(lags[first])
-    is_mean = apart[first] > of_display and first <= 2 and grows.size > 2 and (np.abs(grows[:2] - 1.0) < 0.3).all()
-    text = (
-        f"the mean square difference of readings grows {2 ** grows[0] if grows.size else 1.0:.2g} times from {lag} to "
-    )
-    text += f"{2 * lag} intervals"
-    if not is_mean:
-        return trace.seen(SMOOTHED, text)
-    count = round(lag * float(np.median(apart[-2:]) / apart[first]))
-    cause = f"the controller averages over about {count} readings, or a filter of it was left on: an impact that is "
-    cause += "shorter is smeared; set the average to 1"
-    return trace.seen(SMOOTHED, text, "doubtful", cause)
-
-
 def _hum(trace: Trace, line: Hum) -> Check:
     """Report the hum of the mains that was subtracted from a record, and its remainder."""
     left = float(np.sqrt(np.mean(line.remaining(trace.time) ** 2)))
@@ -435,11 +400,11 @@ def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> li
     return found
 
 
-def placed(failed: Check, record: str, recording: str = "") -> Check:
-    """Give a step that failed the line that its message names, of its recording or of its calibration record."""
-    recording = failed.file or recording
-    of_values = rf"{re.escape(record.rpartition('/')[2])}:(\d+): values"
-    for file, place in ((record, of_values), (recording, rf"{re.escape(recording)}:(\d+)")):
-        if file and failed.is_made and (found := re.search(place, failed.message)) is not None:
+def placed(failed: Check, *files: str | None) -> Check:
+    """Give a step that failed the file and line that its message names, where it is one of ``files``."""
+    for file in filter(None, files):
+        name = re.escape(Path(file).name)  # of a record the line of a value before any other
+        found = re.search(rf"{name}:(\d+): values", failed.message) or re.search(rf"{name}:(\d+)\b", failed.message)
+        if found is not None and failed.is_made:
             return replace(failed, file=file, line=int(found[1]))
     return failed

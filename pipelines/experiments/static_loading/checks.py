@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from math import hypot, log, nan, sqrt
+from math import hypot, log, log10, nan, sqrt
 
 import numpy as np
 import xarray as xr
@@ -102,33 +102,31 @@ def _explained(
     failed = record_checks.placed(failed, settings.calibration, settings.laser)
     if not failed.is_made or failed.line is not None or failed.name != "step steps" or displacement is None:
         return failed
-    at, sizes = clear_steps(displacement)
-    _, up = clear_steps(displacement, -1)
-    wanted, times = len(settings.loads) - 1, ", ".join(f"{t:.0f}" for t in at)
-    setting = "loads"
-    ratios = np.full(1, nan)
-    if at.size == wanted:
-        ratios = at / np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
-        ratios = ratios[np.isfinite(ratios)]
+    (at, sizes), (_, up) = clear_steps(displacement), clear_steps(displacement, -1)
+    stated_at = np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
+    ratios = at / stated_at if at.size == stated_at.size else np.full(1, nan)
+    ratios = ratios[np.isfinite(ratios)]
     factor = float(np.median(ratios)) if ratios.size and np.ptp(np.log(ratios)) <= _SAME else nan
-    if up.size >= wanted and (up.size > sizes.size or up.sum() > sizes.sum()):
+    times, setting = ", ".join(f"{t:.0f}" for t in at), "loads"
+    if up.size >= stated_at.size and (up.size > sizes.size or up.sum() > sizes.sum()):
         cause = "the body rises where loads are added: sensor.direction in session.toml has the wrong sign, or the "
         cause, setting = f"{cause}record was reversed in time", "sensor.direction"
-    elif at.size != wanted:
-        cause = f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states {wanted} "
-        cause += "loads after the first: one is left out or too many"
+    elif at.size != stated_at.size:
+        cause = f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states "
+        cause += f"{stated_at.size} loads after the first: one is left out or too many"
     elif not np.isfinite(factor):
         cause = f"the record steps at {times} s, not when session.toml says"
     elif min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
         cause = f"the times of the loads are {in_words(factor)} times too short: "
         cause += "seconds and minutes were probably exchanged"
     else:
-        interval = nan if readings is None else float(readings.attrs["sampling_interval"])
+        attrs = {} if readings is None else readings.attrs
+        interval = float(attrs.get("sampling_interval", nan))
         cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
         cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
         if settings.keyence.cycle is None:
-            header = "" if readings is None else str(readings.attrs.get("header", ""))
-            return replace(failed, cause=cause, file=settings.laser, line=line_of(header, "cycle", "period", "周期"))
+            line = line_of(str(attrs.get("header", "")), "cycle", "period", "周期")
+            return replace(failed, cause=cause, file=settings.laser, line=line)
         failed, setting = replace(failed, file=""), "keyence.cycle"
     return replace(failed, cause=cause, setting=setting)
 
@@ -162,10 +160,8 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     depth = np.interp(steps["end"].values, *valid(displacement)) - float(steps["touch"])
     by_loads = 2 / 3 * float(np.max(depth * steps["u_force"].values / steps["force"].values))
     allowance = hypot(_FIT * noise, by_loads, settings.steps.drift.value)
-    text = (
-        f"{settings.laser}: the best creep fit for these loads leaves {quantity(scatter, 'm')}, the noise of a reading "
-    )
-    text += f"is {quantity(noise, 'm')}"
+    text = f"{settings.laser}: the best creep fit for these loads leaves {quantity(scatter, 'm')}, the noise of a "
+    text += f"reading is {quantity(noise, 'm')}"
     # both are estimates from the same readings; that of the noise has half of their freedom
     u, name = noise * sqrt(1.5 / count), "record against its loads"
     check = compared(name, text, scatter, u, noise, 0.0, allowance=allowance, factor=False, file=settings.laser)
@@ -189,8 +185,9 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
         fit = TouchFit(rows, creep_design(elapsed, steps.assign(force=("load", forces)), radius)[0])
         return fit.solve(fit.best())[1]
 
-    def least(function: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-        found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)})
+    def freed_by(change: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+        options = {"xatol": 1e-3 * (high - low)}
+        found = minimize_scalar(change, bounds=(low, high), method="bounded", options=options)
         return float(found.fun), float(found.x)
 
     def with_load(which: Flags, decade: float) -> float:
@@ -204,14 +201,14 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
     for i, load in enumerate(settings.loads):
         low = max(1.01 * force[i - 1] if i else 0.0, force[i] / _FREED)
         high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
-        ends = np.log10([low, high])
-        left, decade = least(partial(with_load, others == i), *ends)
-        said = f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {load.mass.value:g} kg: all others fit "
-        freed.append((left, f"{said}the record then (loads in session.toml)", f"loads[{i}].mass"))
-        share = np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
-        left, way = least(partial(drifted, share), -extent, extent)
-        said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({load.mass.value:g} kg) was "
-        freed.append((left, f"{said}held: the temperature changed, or the stand settled", ""))
+        which, share = others == i, np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
+        at, mass = (log10(low), log10(high)), f"{load.mass.value:g} kg"
+        left, decade = freed_by(partial(with_load, which), *at)
+        said = f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {mass}: all others fit the record then"
+        freed.append((left, f"{said} (loads in session.toml)", f"loads[{i}].mass"))
+        left, way = freed_by(partial(drifted, share), -extent, extent)
+        said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({mass}) was held: the "
+        freed.append((left, f"{said}temperature changed, or the stand settled", ""))
     noise = float(steps["noise"]) ** 2 * used.size
     left, cause, setting = min(freed)
     if left - noise < _LEFT * (misfit(force, readings) - noise):
@@ -228,10 +225,8 @@ def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, mo
     if not (seen > 0.0 and expected > 0.0):
         return not_made(MATERIAL, "an approach above 0")
     gap, u = log(seen / expected), hypot(u_seen / seen, u_expected / expected)
-    message = (
-        f"{settings.laser}: {shown(seen, u_seen, 'm')} under the last load, about {quantity(expected, 'm')} expected "
-        "for the stated sphere and material"
-    )
+    message = f"{settings.laser}: {shown(seen, u_seen, 'm')} under the last load, about {quantity(expected, 'm')} "
+    message += "expected for the stated sphere and material"
     size = 1.5 * abs(gap)
     level: Level | None = "impossible" if size > log(_NO_GRADE) else "doubtful" if size > log(_OTHER_GRADE) else None
     # a diameter for a radius is within the moduli of one polymer
@@ -241,11 +236,8 @@ def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, mo
 
 
 def _causes(settings: StaticLoading) -> Sequence[Cause]:
-    radius = settings.sphere.radius.value
-
-    def of_mass(k: float) -> str:
-        said = f"the masses come out {too_large(k)}: they are probably in another unit, or forces were typed as masses"
-        return f"{said} (loads in session.toml)"
+    radius, masses = settings.sphere.radius.value, "they are probably in another unit, or forces were typed as masses"
+    length = f"the unit, the display factor or the gain of {settings.laser} is not what it says"
 
     def of_radius(k: float) -> str:
         typed = " (the diameter was typed)" * (abs(log(0.5 * k)) < _SAME)
@@ -253,17 +245,25 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
         right = f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}{typed}"
         return f"{right}; or {other} than the one that is named"
 
-    def of_length(k: float) -> str:
-        said = f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
-        return f"{said}{settings.laser} is not what it says"
-
     def of_material(k: float) -> str:
         said = f"the sphere is probably of another material than is named, about {in_words(k**-1.5, 2)} times as stiff"
         return f"{said}; or sphere.radius or the loads are stated wrongly"
 
     return (
-        Cause({MATERIAL: -2 / 3}, of_mass, SLIPS["mass"], only_usual=True, setting="loads"),
+        Cause(
+            {MATERIAL: -2 / 3},
+            lambda k: f"the masses come out {too_large(k)}: {masses} (loads in session.toml)",
+            SLIPS["mass"],
+            only_usual=True,
+            setting="loads",
+        ),
         Cause({MATERIAL: 1 / 3}, of_radius, SLIPS["gain"] + _LENGTHS, only_usual=True, setting="sphere.radius"),
-        Cause({MATERIAL: 1.0}, of_length, _LENGTHS, only_usual=True, file=settings.laser),
+        Cause(
+            {MATERIAL: 1.0},
+            lambda k: f"lengths come out {too_large(k)}: {length}",
+            _LENGTHS,
+            only_usual=True,
+            file=settings.laser,
+        ),
         Cause({MATERIAL: 1.0}, of_material, setting="sphere"),
     )

@@ -45,7 +45,7 @@ def model(
         loads.append(np.full(inside.size, load))
     when, pushed, shape = np.concatenate(stretches), np.concatenate(loads), chosen.profile
     flat, share = counter_body_of(settings.counter_body), 1 - float(solid.nu) ** 2
-    made = contact.load_sphere(solid, radius.value, when, pushed, profile=shape, substrate=flat, springs=chosen.springs)
+    made = contact.load_sphere(solid, radius.value, when, pushed, profile=shape, substrate=flat)
 
     def compliance(of: Prony, lag: Any) -> Floats:
         return share * np.asarray(of.creep(lag)) + counter_compliance(flat)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Range, Time
+from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Time
 from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Recorded, Sensor, Table
 
 
@@ -43,10 +43,9 @@ class Steps(Table, frozen=True, kw_only=True):
 
 
 class StaticModel(Table, frozen=True, kw_only=True):
-    """How the loading is simulated: the gap's shape, the springs, gravity at the place."""
+    """How the loading is simulated: the gap's shape, gravity at the place."""
 
     profile: Literal["parabola", "sphere"] = "parabola"
-    springs: Annotated[int, Range(at_least=50, at_most=5000)] = 400
     gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")
 
 

@@ -1,28 +1,12 @@
-"""Films in experiments: key frames, and what cannot be a film that a camera wrote."""
+"""Films in experiments: the frames of a page."""
 
-import struct
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
-import instruments
-from instruments import phantom
-from labpipe.errors import InputError, LabpipeError
-from labpipe.judging import stated
-from labpipe.workflow.context import Context, Failed, Warned
-from pipelines.experiments.shared.film_frames import (
-    CAUSES,
-    explained,
-    key_frames,
-    open_film,
-    repeated,
-    strip,
-    thinned,
-    whole_film,
-)
-from pipelines.experiments.shared.judgements import failed_steps
+from labpipe.errors import InputError
+from pipelines.experiments.shared.film_frames import key_frames, strip, thinned
 
 
 @dataclass
@@ -63,59 +47,6 @@ def test_frames_are_reduced_to_the_page_and_to_eight_bit():
     assert found.attrs["header"].splitlines() == ["count: 3", "frame rate: 4000.0", "lens: 105 mm"]
     with pytest.raises(InputError, match="all frames selected for display are damaged"):
         key_frames(Film(), [1])
-
-
-def _film(path: Path, patterns: np.ndarray) -> Path:
-    phantom.write(
-        path, iter(patterns), patterns.shape, np.arange(len(patterns)) * 1e-4, phantom.Recording(10_000, 2e-6)
-    )
-    return path
-
-
-def _smooth(rows: int = 40, columns: int = 200) -> np.ndarray:
-    """Three images of rings with noise, as a camera sees them."""
-    y, x = np.mgrid[:rows, :columns]
-    rings = 120 + 60 * np.cos(2e-3 * ((x - 90) ** 2 + (y - 15) ** 2))
-    return (rings + np.random.default_rng(1).normal(0, 2, (3, rows, columns))).round().astype(np.uint8)
-
-
-def _exchange(path: Path, *, is_whole: bool) -> None:
-    """Exchange width and height where the images are described; where settings are too if all are."""
-    data = bytearray(path.read_bytes())
-    (bitmap, setup) = struct.unpack_from("<II", data, 24)
-    for layout, at in (("<ii", bitmap + 4), ("<HH", setup + 737), ("<II", setup + 1588))[: 3 if is_whole else 1]:
-        struct.pack_into(layout, data, at, *reversed(struct.unpack_from(layout, data, at)))
-    path.write_bytes(data)
-
-
-@pytest.mark.parametrize("is_whole", [False, True])
-def test_exchanged_width_and_height_are_told(tmp_path, *, is_whole):
-    path = _film(tmp_path / "a.cine", _smooth())
-    assert open_film(path).shape == (3, 40, 200)
-    _exchange(path, is_whole=is_whole)
-    with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
-        open_film(path)
-    failed = Failed("radius", None, str(error.value), reason=error.value.reason)
-    context = Context("film", "contact_area", "", "", "", False, failures=(failed,))
-    (told,) = failed_steps(context, CAUSES | {"radius": "the record is of another view"})
-    assert told.cause.startswith("width and height are exchanged in the header")
-
-
-def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so():
-    warned = Warned("track", None, "IncompleteFilmWarning", "f.avi: 9 frames are declared, 4 can be read", 1)
-    context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
-    whole = whole_film(context, "film/f.avi")
-    assert (whole.level, whole.message) == ("note", "film/f.avi: 9 frames are declared, 4 can be read")
-    failed = stated("step bounces", "no bounce found", "impossible", cause="the film shows no drop")
-    assert explained(failed, whole).cause.startswith("the film was not copied whole")
-    assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
-
-
-def test_frames_that_come_twice_are_found(tmp_path):
-    images = np.concatenate([_smooth(), _smooth()])
-    images += np.random.default_rng(3).integers(0, 4, images.shape).astype(images.dtype)
-    images[[2, 5]] = images[[1, 4]]
-    assert repeated(instruments.read(_film(tmp_path / "a.cine", images)), np.ones(6, bool)) == [2, 5]
 
 
 def test_a_strip_of_a_film_fits_its_page_and_keeps_the_frame_that_is_shown_first() -> None:

@@ -72,13 +72,7 @@ def cell(delay: list[float] | None) -> xr.Dataset:
 
 @pytest.mark.parametrize(
     ("delay", "kinds"),
-    [
-        (None, ("butterworth", "bessel")),
-        ([15.9e-3, 0.2e-3], ("butterworth",)),
-        ([14.0e-3, 0.2e-3], ("bessel",)),
-        ([15.0e-3, 0.5e-3], ("butterworth", "bessel")),
-        ([1e-3, 0.2e-3], ("butterworth", "bessel")),
-    ],
+    [(None, ("butterworth", "bessel")), ([15.9e-3, 0.2e-3], ("butterworth",)), ([14.0e-3, 0.2e-3], ("bessel",))],
 )
 def test_a_measured_delay_tells_the_kind_of_filter(delay: list[float] | None, kinds: tuple[str, ...]) -> None:
     assert mach1_readings.filter_kinds(cell(delay)) == kinds

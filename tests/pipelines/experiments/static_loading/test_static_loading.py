@@ -141,20 +141,16 @@ def test_a_solid_without_a_plateau_is_held_against_hertz_at_the_end(
     assert np.isfinite(float(found["curve_p"]))
 
 
-def test_times_need_not_be_given(session: Path) -> None:
-    chosen = settings(session)
-    loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
-    found = load_steps.steps(stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads))
-    np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
-
-
-def test_a_time_that_is_half_a_minute_off_is_told(session: Path) -> None:
+def test_times_need_not_be_given_and_one_half_a_minute_off_is_told(session: Path) -> None:
     """2.55 min may mean two minutes and 55 s."""
-    chosen = settings(session)
+    chosen, moved = settings(session), stage(session, "displacement")
+    loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
+    found = load_steps.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
+    np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
     loads = list(chosen.loads)
     loads[2] = msgspec.structs.replace(loads[2], time=quantity("1145 s"))
     with pytest.warns(UserWarning, match=r"3.5 kg: 109\d s, given 1145 s"):
-        load_steps.steps(stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads))
+        load_steps.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
 
 
 def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:
@@ -173,8 +169,6 @@ def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:
     [
         ('mass = "2.5 ± 0.0005 kg"', 'mass = "0.2 kg"', "each must exceed the one before"),
         ('time = "18.20 min"', 'time = "1 min"', "times must grow"),
-        ('mass = "2.5 ± 0.0005 kg"', 'mass = "2.5 N"', "expected a mass"),
-        ("radius = ", "raduis = ", 'did you mean "radius"'),
     ],
 )
 def test_mistakes_in_the_settings_are_told(session: Path, tmp_path: Path, old: str, new: str, told: str) -> None:
@@ -186,12 +180,6 @@ def test_mistakes_in_the_settings_are_told(session: Path, tmp_path: Path, old: s
     with pytest.raises(ConfigError) as caught:
         open_session(tmp_path)
     assert told in " ".join(map(str, caught.value.problems))
-
-
-def test_the_report_shows_radii_and_creep(session: Path) -> None:
-    page = (session / f"labpipe/reports/{NAME}.html").read_text("utf-8")
-    for text in ("Contact radius, a = √(R δ)", "viscoelastic model", "Reduced creep compliance"):
-        assert text in page
 
 
 def test_budgets_are_those_of_the_results(session: Path) -> None:

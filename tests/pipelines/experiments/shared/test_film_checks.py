@@ -1,0 +1,203 @@
+"""Checks of a film: its light, order and copies of its frames, and the rate and exposure that a session states."""
+
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import instruments
+from instruments import phantom
+from labpipe.errors import LabpipeError
+from labpipe.frames import as_frames
+from labpipe.judging import stated
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context, Failed, Warned
+from pipelines.experiments.shared.film_checks import (
+    CAUSES,
+    LIGHT,
+    exchanged,
+    explained,
+    exposed,
+    light_of,
+    lit,
+    repeated,
+    said_by_file,
+    stated_twice,
+    whole_film,
+    wrong_rate,
+)
+from pipelines.experiments.shared.film_frames import open_film
+from pipelines.experiments.shared.judgements import failed_steps
+
+COUNT, SHAPE = 60, (64, 96)
+RATE, SHUTTER, NOISE = 4000.0, 5e-6, 2e-7
+
+
+def scene() -> np.ndarray:
+    """Bright and dark patches with noise, in grey levels that are not yet digitised."""
+    random = np.random.default_rng(4)
+    rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    patches = 120.0 * (1.0 + 0.8 * np.sin(0.3 * columns) * np.cos(0.4 * rows))
+    return patches + 2.0 * random.standard_normal((COUNT, *SHAPE))
+
+
+def light(images: np.ndarray, wanted: tuple[int, ...] = ()) -> str:
+    return light_of(as_frames(np.clip(np.rint(images), 0, 255).astype(np.uint8)), wanted)
+
+
+@pytest.mark.parametrize(("factor", "level"), [(1.0, None), (1.22, "note"), (3.0, "doubtful")])
+def test_an_over_exposed_film_is_named_with_its_level(factor: float, level: str | None) -> None:
+    found = exposed(xr.Dataset(attrs={LIGHT: light(factor * scene())}), "a.cine")
+    assert found.level == level
+    assert ("highest grey level, 255" in found.message) == (level is not None)
+
+
+def test_dark_frames_are_found_where_they_matter_and_a_lamp_may_flicker() -> None:
+    images = scene() * (1.0 + 0.2 * np.sin(1.9 * np.arange(COUNT)))[:, None, None]
+    images[30:33] *= 0.05
+    brightness = {int(i): b for i, b in json.loads(light(images, tuple(range(25, 40))))["brightness"].items()}
+    assert [i for i, b in brightness.items() if b < 0.5] == [30, 31, 32]
+    time, counts = np.arange(COUNT) * 1e-3, np.zeros(COUNT, bool)
+    found = lit("a.cine", brightness, counts, time)
+    assert (found.level, "frame 30, at 30.0 ms" in found.message) == ("note", True)
+    counts[33:36] = True
+    assert lit("a.cine", brightness, counts, time).level == "doubtful"
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Callable[..., xr.Dataset]:
+    """Write a film and return what a stage keeps of it."""
+
+    def written(time: np.ndarray) -> xr.Dataset:
+        images = (np.full((16, 16), 40 + i % 3, np.uint8) for i in range(time.size))
+        recording = phantom.Recording(int(RATE), SHUTTER, bits=8)
+        phantom.write(tmp_path / "a.cine", images, (time.size, 16, 16), time, recording)
+        return xr.Dataset(attrs={"said_by_file": said_by_file(open_film(tmp_path / "a.cine"))})
+
+    return written
+
+
+@pytest.mark.filterwarnings("ignore:.*dropped by the camera")
+@pytest.mark.parametrize(
+    ("rate", "level", "is_in_bursts"),
+    [(1.005 * RATE, "note", False), (1.03 * RATE, "doubtful", False), (RATE, "note", True), (200.0, "note", True)],
+)
+def test_a_rate_that_the_film_knows_better_has_no_effect(
+    film: Callable[..., xr.Dataset], rate: float, level: str, *, is_in_bursts: bool
+) -> None:
+    time = np.arange(COUNT) / RATE
+    if is_in_bursts:
+        time = np.concatenate([time[:8], 7 / RATE + 5e-3 + 5e-3 * np.arange(20)])
+    found = film(time)
+    (check,) = stated_twice(found, "a.cine", Quantity(rate, 0.0, "Hz"))
+    assert (check.level, check.setting) == (level, "frame_rate")
+    assert "no effect" in check.cause
+    assert not wrong_rate({}, Quantity(rate, 0.0, "Hz"), found, "a.cine").setting
+
+
+@pytest.mark.parametrize(("seconds", "level"), [(SHUTTER, None), (1e-6, "note"), (5e-3, "doubtful")])
+def test_a_stated_exposure_is_a_flash_or_contradicts_the_shutter(
+    film: Callable[..., xr.Dataset], seconds: float, level: str | None
+) -> None:
+    (check,) = stated_twice(film(np.arange(COUNT) / RATE), "a.cine", None, Quantity(seconds, 0.0, "s"))
+    assert (check.level, check.setting) == (level, "exposure")
+    assert "5.00 µs" in check.message
+
+
+def test_images_hold_neither_so_that_nothing_contradicts() -> None:
+    found = xr.Dataset(attrs={"said_by_file": said_by_file(as_frames(np.zeros((4, 8, 8), np.uint8)))})
+    rate = Quantity(RATE, 0.0, "Hz")
+    assert list(stated_twice(found, "frames", rate, Quantity(SHUTTER, 0.0, "s"))) == []
+    assert wrong_rate({}, rate, found, "a.cine").setting == "frame_rate"
+
+
+def fall() -> np.ndarray:
+    """A body that waits, falls from 1.5 mm and bounces with e = 0.8; height [m] of each frame."""
+    time = np.arange(0.0, 0.14, 1 / RATE) - 0.02
+    begin = np.sqrt(2 * 1.5e-3 / 9.81)
+    height, speed = np.where(time < 0, 1.5e-3, 1.5e-3 - 0.5 * 9.81 * time**2), 9.81 * begin
+    while begin < time[-1]:
+        speed *= 0.8
+        after = time - begin
+        height = np.where(after > 0, speed * after - 0.5 * 9.81 * after**2, height)
+        begin += 2 * speed / 9.81
+    return height
+
+
+def test_any_two_frames_that_differ_by_more_than_noise_are_named_and_none_in_clean_films() -> None:
+    rng, height = np.random.default_rng(2), fall()
+    assert [exchanged(height + NOISE * rng.standard_normal(height.size)) for _ in range(50)] == [None] * 50
+    assert [exchanged(np.zeros(count)) for count in range(5)] == [None] * 5  # too few for an order
+    missed = []
+    for k in range(200):
+        first = int(rng.integers(0, height.size - 1))
+        second = first + 1 if k % 2 else int(rng.integers(0, height.size))
+        seen = height + NOISE * rng.standard_normal(height.size)
+        seen[[first, second]] = seen[[second, first]]
+        found = exchanged(seen)
+        assert found in ((min(first, second), max(first, second)), None)
+        missed += [abs(height[first] - height[second])] * (found is None)
+    assert max(missed) < 30 * NOISE
+    assert len(missed) < 120
+
+
+def test_a_contact_that_a_frame_hides_is_not_exchanged_with_its_neighbour() -> None:
+    area = np.array([0.0] * 20 + [143, 428, 582, 689, 761, 801, 810, 786, 730, 640, 513, 324, 5] + [0.0] * 27) ** 2
+    hidden = area.copy()
+    hidden[30] = 0.0
+    assert exchanged(hidden, 10.0) == (30, 31)
+    assert exchanged(hidden, 10.0, missed=hidden == 0.0) is None
+    area[[24, 40]] = area[[40, 24]]
+    assert exchanged(area, 10.0, missed=area == 0.0) == (24, 40)
+
+
+def _written(path: Path, patterns: np.ndarray) -> Path:
+    times = np.arange(len(patterns)) * 1e-4
+    phantom.write(path, iter(patterns), patterns.shape, times, phantom.Recording(10_000, 2e-6))
+    return path
+
+
+def _rings(count: int) -> np.ndarray:
+    """Images of rings with noise, as a camera sees them."""
+    y, x = np.mgrid[:40, :200]
+    rings = 120 + 60 * np.cos(2e-3 * ((x - 90) ** 2 + (y - 15) ** 2))
+    return (rings + np.random.default_rng(1).normal(0, 2, (count, 40, 200))).round().astype(np.uint8)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_exchanged_width_and_height_are_told(tmp_path: Path, count: int) -> None:
+    """They are exchanged where the images are described, or where settings are too."""
+    path = _written(tmp_path / "a.cine", _rings(3))
+    assert open_film(path).shape == (3, 40, 200)
+    data = bytearray(path.read_bytes())
+    (bitmap, setup) = struct.unpack_from("<II", data, 24)
+    for layout, at in (("<ii", bitmap + 4), ("<HH", setup + 737), ("<II", setup + 1588))[:count]:
+        struct.pack_into(layout, data, at, *reversed(struct.unpack_from(layout, data, at)))
+    path.write_bytes(data)
+    with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
+        open_film(path)
+    failed = Failed("radius", None, str(error.value), reason=error.value.reason)
+    context = Context("film", "contact_area", "", "", "", False, failures=(failed,))
+    (told,) = failed_steps(context, CAUSES | {"radius": "the record is of another view"})
+    assert told.cause.startswith("width and height are exchanged in the header")
+
+
+def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so() -> None:
+    warned = Warned("track", None, "IncompleteFilmWarning", "f.avi: 9 frames are declared, 4 can be read", 1)
+    context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
+    whole = whole_film(context, "film/f.avi")
+    assert (whole.level, whole.message) == ("note", "film/f.avi: 9 frames are declared, 4 can be read")
+    failed = stated("step bounces", "no bounce found", "impossible", cause="the film shows no drop")
+    assert explained(failed, whole).cause.startswith("the film was not copied whole")
+    assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
+
+
+def test_frames_that_come_twice_are_found(tmp_path: Path) -> None:
+    images = _rings(6)
+    images[[2, 5]] = images[[1, 4]]
+    assert repeated(instruments.read(_written(tmp_path / "a.cine", images)), np.ones(6, bool)) == [2, 5]
