@@ -89,8 +89,8 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
         points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
         agreed.append(_along(moments, ours - theirs, own, common, form, relative))
-        nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
-        of_impact[i] = form.peak, *fit, nrmse
+        deviation = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
+        of_impact[i] = form.peak, *fit, deviation
     peak, size, u_size, shift, u_shift, nrmse = of_impact.T
     largest = model["peak_contact_radius"].values[:count]
     # where the frames of a whole contact are too few, its largest radius alone
