@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import minimize_scalar
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, in_words, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
