@@ -65,7 +65,7 @@ def flat_rows(flat: Flat, sphere: Sphere, model: xr.Dataset) -> list[tuple[str, 
     return rows
 
 
-def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plate | None:
+def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> "contact.Plate | None":
     """Return the plate of the model, that of session.toml or the result of a plate vibration; None is a rigid one.
 
     Raises

@@ -18,7 +18,6 @@ from labpipe import contact
 from labpipe.arrays import Floats, Integers
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
-from labpipe.identification import lee_radok_basis
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
@@ -193,6 +192,8 @@ def simulated(
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
+    from labpipe.identification import lee_radok_basis
+
     area = elastic_force(depth[kept], geometry)
 
     def superposed(area: Floats, solid: Prony) -> Floats:

@@ -26,10 +26,10 @@ def test_every_field_of_every_kind_is_in_the_reference() -> None:
                 assert field.name == "kind" or f"| `{field.name}` |" in part, (kind.name, path, field.name)
     rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `")]
     shown = {(row[0].strip("| `"), row[3].strip(" |")) for row in rows}
-    assert {("height", "required"), ("velocity", '`"spline"`'), ("gravity", '`"9.81 m/s2"`')} <= shown
+    assert {("height", "required"), ("contact", '`"polymer"`'), ("gravity", '`"9.81 m/s2"`')} <= shown
     assert ("inclination_from_height", "`false`") in shown
     assert not any("Quantity(" in cell for row in rows for cell in row)
-    assert any(row[0].strip("| `") == "velocity" and "smoothing spline" in row[1] for row in rows)
+    assert any(row[0].strip("| `") == "contact" and "prior knowledge" in row[1] for row in rows)
 
 
 def test_every_command_is_in_the_reference_one_level_below_its_parent() -> None:
