@@ -177,7 +177,7 @@ ROWS = (
     Mistake("hum of 5 um", values(lambda x: x + 0.005 * _mains(x)), "note", ("hum",)),
     Mistake("hum of 50 um", values(lambda x: x + 0.05 * _mains(x)), "note", ("hum of 51",)),
     Mistake("resolution 10 um", values(lambda x: np.round(x, 2)), "note", ("resolution",)),
-    Mistake("resolution 100 um", values(lambda x: np.round(x, 1)), "impossible", ("resolution",)),
+    Mistake("resolution 100 um", values(lambda x: np.round(x, 1)), "doubtful", ("resolution",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),
     Mistake("same readings, another header", _of_first, "doubtful", ("digit by digit", "copy"), ALL[2]),

@@ -155,7 +155,7 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
     near.sort(key=lambda error: (error.n_u > IMPOSSIBLE, error not in close, error.n_u))
-    alike = [e for e in near[1:] if e in close and (e.n_u > IMPOSSIBLE) == (near[0].n_u > IMPOSSIBLE)]
+    alike = [error for error in near[1:] if error in close]
     distant = [error.name for error in close if not error.is_near]
     if not told and best.share > _MUCH and _MODULUS in distant and not any(e.n_u <= IMPOSSIBLE for e in near):
         others = " or ".join(name for name in distant if name != _MODULUS)
