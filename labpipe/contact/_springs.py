@@ -166,7 +166,9 @@ def balance(bed: SpringBed, threshold: Floats, pull: float, target: float, carri
         if (miss - old_miss) * (displacement - old) > 0.0:
             slope = (miss - old_miss) / (displacement - old)
         change = miss / slope
-        if abs(miss) <= _EDGE_TOLERANCE * carried or abs(change) <= _EDGE_TOLERANCE * (displacement - low):
+        # with gaps that are much larger than the approach, the sum itself is not known better
+        is_exact = abs(miss) <= _EDGE_TOLERANCE * (carried + abs(moment))
+        if is_exact or abs(change) <= _EDGE_TOLERANCE * (displacement - low):
             break
         old, old_miss = displacement, miss
         if miss < 0.0:

@@ -5,7 +5,7 @@ import pytest
 
 from labpipe.contact import indent, indent_load
 from labpipe.errors import InputError
-from labpipe.materials import Prony
+from labpipe.materials import Prony, load
 
 RADIUS, PERIOD = 2e-3, 8e-3
 SLS = Prony.from_creep(2e9, [1 / 2e9 - 1 / 4e9], [0.05], nu=0.35)
@@ -71,6 +71,15 @@ def test_nearly_full_contact_is_right_within_a_bound(share, bound) -> None:
     assert float(found.contact_half_width[0]) == pytest.approx(share * PERIOD, rel=1e-4)
     pressed = indent(elastic(), RADIUS, PERIOD, 1.0, [0.0], found.displacement)
     assert float(pressed.force[0]) == pytest.approx(force, rel=bound)
+
+
+@pytest.mark.parametrize("name", ["acrylic", "nbr", "peek"])
+def test_a_load_from_zero_and_its_approach_say_the_same(name: str) -> None:
+    """Of a stiff polymer also while the contact is narrower than an element."""
+    time = np.linspace(0.0, 1000.0, 60)
+    pressed = indent_load(load(name), 2e-3, 8e-3, 18e-3, time, 0.01 * time)
+    followed = indent(load(name), 2e-3, 8e-3, 18e-3, time, pressed.displacement.values)
+    np.testing.assert_allclose(followed.force.values, 0.01 * time, atol=5e-4 * 10.0)
 
 
 @pytest.mark.parametrize("thickness", [np.inf, 1e-3])
