@@ -9,6 +9,7 @@
     SESSION/labpipe/store/index.json       digests by size, times and inode
     SESSION/labpipe/store/verdicts.json    verdicts, with the digest of all that they come from
     SESSION/labpipe/store/verdicts-of-failures.json    the same of experiments that failed
+    SESSION/labpipe/store/catalogue.json   rows of the catalogue, with the digest of all that they come from
     SESSION/labpipe/store/amended.json     pages to which the session as a whole added something
     SESSION/labpipe/run.jsonl              events of all runs of the session; the only place with times
 """

@@ -180,6 +180,8 @@ def simulated(
     attrs : dict
         ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
     """
+    from labpipe.identification import lee_radok_basis
+
     time = mach1_readings.clock(loads)
     if np.any(np.diff(time) < 0):
         raise InputError("the blocks of the file overlap in time; their start times cannot be right")
@@ -192,8 +194,6 @@ def simulated(
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
-    from labpipe.identification import lee_radok_basis
-
     area = elastic_force(depth[kept], geometry)
 
     def superposed(area: Floats, solid: Prony) -> Floats:
