@@ -90,6 +90,11 @@ class _Error(NamedTuple):
         return abs(self.size) / (self.given.u or usual or inf)
 
     @property
+    def is_far(self) -> bool:
+        """Whether its stated uncertainty excludes it."""
+        return self.n_u > IMPOSSIBLE
+
+    @property
     def is_near(self) -> bool:
         """Whether its effect is still known by its slope, and a count is wrong by one at least."""
         if self.name.startswith(_COUNT) and abs(self.size) < 0.5:
@@ -105,7 +110,7 @@ class _Error(NamedTuple):
         said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
         said += f"{100 * self.share:.0f} % of it"
         far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
-        return said + far * (self.n_u > IMPOSSIBLE)
+        return said + far * self.is_far
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -154,13 +159,16 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
     told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
-    near.sort(key=lambda error: (error.n_u > IMPOSSIBLE, error not in close, error.n_u))
-    alike = [error for error in near[1:] if error in close]
+    near.sort(key=lambda error: (error.is_far, error not in close, error.n_u))
     distant = [error.name for error in close if not error.is_near]
-    if not told and best.share > _MUCH and _MODULUS in distant and not any(e.n_u <= IMPOSSIBLE for e in near):
+    if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_far for e in near):
         others = " or ".join(name for name in distant if name != _MODULUS)
         told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
-    told += [error.sentence(alike if error is near[0] else ()) for error in near if error not in alike]
+    while near:
+        first, *rest = near
+        alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_far == first.is_far]
+        told.append(first.sentence(alike))
+        near = [error for error in rest if error not in alike]
     return told[:_SUSPECTS] or [_UNEXPLAINED]
 
 
