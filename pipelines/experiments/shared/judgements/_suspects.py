@@ -90,7 +90,7 @@ class _Error(NamedTuple):
         return abs(self.size) / (self.given.u or usual or inf)
 
     @property
-    def is_far(self) -> bool:
+    def is_excluded(self) -> bool:
         """Whether its stated uncertainty excludes it."""
         return self.n_u > IMPOSSIBLE
 
@@ -110,7 +110,7 @@ class _Error(NamedTuple):
         said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
         said += f"{100 * self.share:.0f} % of it"
         far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
-        return said + far * self.is_far
+        return said + far * self.is_excluded
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -159,14 +159,14 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
     told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
-    near.sort(key=lambda error: (error.is_far, error not in close, error.n_u))
+    near.sort(key=lambda error: (error.is_excluded, error not in close, error.n_u))
     distant = [error.name for error in close if not error.is_near]
-    if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_far for e in near):
+    if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_excluded for e in near):
         others = " or ".join(name for name in distant if name != _MODULUS)
         told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
     while near:
         first, *rest = near
-        alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_far == first.is_far]
+        alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_excluded == first.is_excluded]
         told.append(first.sentence(alike))
         near = [error for error in rest if error not in alike]
     return told[:_SUSPECTS] or [_UNEXPLAINED]
