@@ -38,12 +38,12 @@ SOURCES = ("material_file", "fitted", "plate")
 class Alternative(NamedTuple):
     """An alternative to a stated material: a sentence, and the differences (row,) that would be left.
 
-    ``is_far``: it needs more than ten of the uncertainties that are stated of it.
+    ``is_excluded``: it needs more than ten of the uncertainties that are stated of it.
     """
 
     sentence: str
     differences: Floats
-    is_far: bool = False
+    is_excluded: bool = False
 
 
 def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any) -> list[Alternative]:
@@ -96,8 +96,8 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     curves = CubicSpline(temperatures[whole], of_warmer[whole])(fine)
     best = int(np.argmin([agreement(each, covariance).chi2 for each in curves]))
     text = f"the temperature was probably {fine[best]:.1f} °C, not {temperature:.4g} °C (sphere.temperature)"
-    is_far = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.inside.u or np.inf)
-    return [*found, Alternative(text, curves[best], bool(is_far))]
+    is_excluded = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.inside.u or np.inf)
+    return [*found, Alternative(text, curves[best], bool(is_excluded))]
 
 
 def _solid(

@@ -183,7 +183,7 @@ def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
     best = sorted((one for one in sizes if one[0] < (1 - _MOST) * chi2), key=lambda one: one[0])
     close = [(size, each) for size, each in best if size < best[0][0] + max(_CLOSE, best[0][0])]
     told = [f"{each.sentence}; {_share(1 - size / chi2)}" for size, each in close]
-    return [*told, f"or {scene.another_material}"] if len(close) == 1 and close[0][1].is_far else told
+    return [*told, f"or {scene.another_material}"] if len(close) == 1 and close[0][1].is_excluded else told
 
 
 def _share(share: float) -> str:
