@@ -83,7 +83,11 @@ def elastic_impact(random: Random) -> Outcome:
 
 
 def two_solvers(random: Random) -> Outcome:
-    """Compare the first impact by springs and by rings, which share neither grid nor kernel."""
+    """Compare the first impact by springs and by rings, which share neither grid nor kernel.
+
+    A surface that recovers touches the leaving sphere again without load for some microseconds. Whether this still
+    belongs to the contact moves the speed at lift-off, not the work that the contact has taken: this is compared.
+    """
     material = extreme_material(random, 20)
     mass, height = 10 ** random.uniform(-4, 2), 10 ** random.uniform(-4, -1)
     radius = 10 ** random.uniform(-2, 0)
@@ -100,10 +104,11 @@ def two_solvers(random: Random) -> Outcome:
         except UserWarning as warning:
             return Outcome(0.0, "", f"warned: {str(warning).split(';')[-1]}")
     forces = [float(run.peak_force[0] if run.sizes["impact"] else run.force.max()) for run in found]
-    bounces = [float(run.restitution[0]) if run.sizes["impact"] else np.nan for run in found]
+    taken = [run.energy_dissipated + run.energy_stored for run in found]
+    works = [float(work[0]) / (0.5 * mass * speed**2) if work.size else np.nan for work in taken]
     return worst(
         (abs(forces[0] / forces[1] - 1.0) / 4e-4, "peak forces of two solvers differ by 4e-4"),
-        (np.nan_to_num(abs(bounces[0] - bounces[1])) / 4e-4, "restitution by two solvers differs by 4e-4"),
+        (np.nan_to_num(abs(works[0] - works[1])) / 1e-4, "work by two solvers differs by 1e-4 of the impact energy"),
     )
 
 

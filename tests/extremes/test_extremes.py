@@ -40,7 +40,7 @@ def test_every_case_is_right_or_refused_with_a_reason(part: str, name: str, amou
     case, count = FAMILIES[part][name]
     count = amount(FEWER.get(name, count), count)
     tally = run_family(case, count)
-    assert tally.wrong == (), tally.worst_bound
+    assert tally.wrong == (), tally.worst
     assert tally.right + tally.refused.total() == count
     assert tally.refused.total() <= REFUSED.get(name, 0.2) * count, tally.refused
     assert all(len(reason) > 5 for reason in tally.refused)
