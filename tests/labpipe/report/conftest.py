@@ -15,7 +15,9 @@ import pytest
 
 from labpipe.report import MAX_PAGE_BYTES
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM = next(filter(None, map(shutil.which, _NAMES)), None) if os.environ.get("LABPIPE_BROWSER") else None
+NO_BROWSER = "the pages are not looked at: that takes Chromium, and LABPIPE_BROWSER=1"
 SWITCHES = (
     "--headless",
     "--no-sandbox",
@@ -204,7 +206,7 @@ class Browser:
 def opened(profile: Path) -> Iterator[Browser]:
     """A browser for a fixture, closed after it."""
     if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the pages are not looked at")
+        pytest.skip(NO_BROWSER)
     started = Browser(profile)
     yield started
     started.close()
@@ -240,7 +242,7 @@ class Charts:
 def assert_fit_to_read(path: Path, profile: Path) -> None:
     """Open a report on a phone and on a large screen: quiet, alone, whole, and small enough."""
     if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the report is not looked at")
+        pytest.skip(NO_BROWSER)
     window = Browser(profile)
     try:
         for width, scheme in ((400, "dark"), (2000, "light")):

@@ -13,7 +13,7 @@ from pipelines.experiments import KINDS
 from pipelines.guide import PICTURES, pages, reference
 from pipelines.guide.__main__ import build, of_reports, replay, same_words
 from pipelines.guide.pages import linked
-from tests.labpipe.report.conftest import CHROMIUM, Browser
+from tests.labpipe.report.conftest import CHROMIUM, NO_BROWSER, Browser
 
 
 def test_every_field_of_every_kind_is_in_the_reference() -> None:
@@ -65,7 +65,7 @@ def test_a_kept_tutorial_may_differ_in_numbers_and_not_in_words() -> None:
 @pytest.mark.slow
 def test_the_gallery_has_a_picture_of_one_report_of_each_kind(processed_session: Path, tmp_path: Path) -> None:
     if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; nothing is drawn")
+        pytest.skip(NO_BROWSER)
     of_reports(processed_session, tmp_path)
     drawn = {path.stem.removeprefix("gallery-") for path in tmp_path.iterdir()}
     assert len(drawn) > 1
@@ -108,7 +108,7 @@ def test_the_built_site_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
     built = sorted(first.parent.glob("*.html"))
     assert len(built) > 15
     if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine; the site is not looked at")
+        pytest.skip(NO_BROWSER)
     window = Browser(tmp_path / "profile")
     try:
         for path in built:
