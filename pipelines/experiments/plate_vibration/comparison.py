@@ -115,19 +115,21 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
         if not np.isfinite(expected):
             yield None
             continue
-        moves = -expected * (np.eye(amplitude.size)[i] - weights[i])
-        slopes = {name: float(-expected * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
+        # effects are factors: seen from the geometric mean, two drops that predict each other differ by as much
+        middle = float(np.sqrt(amplitude[i] * expected))
+        moves = -middle * (np.eye(amplitude.size)[i] - weights[i])
+        slopes = {name: float(-middle * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
         for j in map(int, np.flatnonzero(moves)):
             slopes[f"{SERIES} {j + 1}"] = float(-moves[j])
             slopes[height_name(settings, j)] = float(0.5 * moves[j] / settings.drops[j].height.value)
         solid = np.linalg.norm([slope[i] * u for u, slope in solids.values()])
-        by_others = expected * np.hypot(np.linalg.norm(weights[i] * total), solid)
+        by_others = np.hypot(np.linalg.norm(weights[i] * total), solid)
         yield row(
             "amplitude at impact",
             "m",
             int(table["n"][i]),
             slopes=slopes,
             measured=(amplitude[i], amplitude[i] * of_amplitude[i]),
-            model=(expected, np.hypot(by_others, expected * of_height[i])),
-            difference=(amplitude[i] - expected, np.hypot(by_others, expected * total[i])),
+            model=(expected, expected * np.hypot(by_others, of_height[i])),
+            difference=(amplitude[i] - expected, middle * np.hypot(by_others, total[i])),
         )

@@ -11,6 +11,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.uncertainty import linear_budget
+from pipelines.experiments.plate_vibration.comparison import amplitudes
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -112,6 +113,17 @@ def test_a_wrong_input_shows_in_the_comparison(session: Path, tmp_path: Path, ol
     outcome = process(folder, ["comparison"], ["plate"], jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]
     assert float(result(folder, "plate", "comparison")["nrmse"].max()) > 0.05
+
+
+def test_two_drops_that_predict_each_other_differ_by_as_much_in_units_of_u(session: Path) -> None:
+    """They are one comparison: an amplitude 14 % off is no more than that."""
+    table, plate = result(session, "plate", "table"), result(session, "plate", "plate")
+    settings = open_session(session).experiments["plate"].settings
+    by = np.array([1.14, 1.0])
+    other = table.assign(amplitude=table["amplitude"] * by), plate.assign(modal_mass=plate["modal_mass"] / by)
+    first, second = (one.deviation for one in amplitudes(*other, settings) if one is not None)
+    assert first == pytest.approx(-second, rel=1e-9)
+    assert abs(first) > 2.0
 
 
 def test_a_drop_on_a_plate_needs_the_plate_in_its_model(session: Path) -> None:
