@@ -10,9 +10,9 @@ from labpipe.workflow.engines import Call, Died, elsewhere
 from labpipe.workflow.graph import imports_of
 from labpipe.workflow.results import Event, RunResult
 from labpipe.workflow.session import FILE_NAME, Session
+from pipelines.rig import DEMO_TITLE
 from pipelines.session import STAGES, open_session, process
 
-DEMO_TITLE = "Demonstration"
 _KINDS = ("dma", "ball_drop", "harmonic")
 _RECORDING = "pipelines.rig.samples"
 

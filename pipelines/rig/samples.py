@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.errors import UsageError
-from pipelines.rig import film_front, film_session, film_under
-from pipelines.rig._verbs import DEMO_TITLE
+from pipelines.rig import DEMO_TITLE, film_front, film_session, film_under
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import sweeps
 from pipelines.rig.drops import write_drops

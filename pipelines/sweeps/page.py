@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labpipe.report import Document, KeyValues, LineChart, Notice, Section, Series, display_unit, value_with_uncertainty
-from pipelines.sweeps.run import DRAW, Design
-from pipelines.sweeps.simulators import SIMULATORS, Value
+from pipelines.sweeps.simulators import DRAW, SIMULATORS, Design, Value
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ import hashlib
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, prod
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from labpipe.workflow import code
 from labpipe.workflow.engines import Died, choose, processors, side_by_side
 from labpipe.workflow.fields import suggest
 from pipelines.simulator_inputs import material
-from pipelines.sweeps.simulators import SIMULATORS, Outputs, Parameter, Value
+from pipelines.sweeps.simulators import DRAW, SIMULATORS, Design, Outputs, Parameter, Value
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,49 +29,12 @@ Stated = Mapping[str, str | float]
 Outcome = Outputs | str
 """Numbers of a point, or the reason why there are none."""
 
-DRAW = "draw"
-"""Name of the dimension of random draws."""
 BLOCK = 25
 """Points handed to a worker at a time: about a second of work, small against a restart."""
 MOST_BLOCKS = 4000
 """Larger sweeps have larger blocks: each is a file, flushed to the disk while workers wait."""
 COMPUTE = f"{__name__}:compute"
 _IMPORTS = ("numpy", "xarray", "labpipe.contact", "pipelines.sweeps.simulators")
-
-
-@dataclass(frozen=True, slots=True)
-class Design:
-    """All points of a sweep.
-
-    ``axes``: values in SI by parameter, whose product is the grid, the first varies slowest; ``fixed``: every other
-    parameter; ``drawn``: parameters with a standard uncertainty, one value per draw. The draws are the same at every
-    point of the grid, so that differences over the grid are not noise.
-    """
-
-    simulator: str
-    axes: dict[str, tuple[Value, ...]]
-    fixed: dict[str, Value]
-    drawn: dict[str, tuple[float, ...]]
-
-    @property
-    def sizes(self) -> dict[str, int]:
-        """Points along each dimension, draws last."""
-        draws = [(DRAW, len(values)) for values in self.drawn.values()]
-        return {name: len(values) for name, values in self.axes.items()} | dict(draws)
-
-    @property
-    def count(self) -> int:
-        """Number of points."""
-        return prod(self.sizes.values())
-
-    def points(self, numbers: range) -> list[dict[str, Value]]:
-        """All parameters of some points, by their numbers in the order of the flattened grid."""
-        found = [dict(self.fixed) for _ in numbers]
-        places = zip(*np.unravel_index(numbers, tuple(self.sizes.values())), strict=True) if self.sizes else ()
-        for point, place in zip(found, places, strict=False):
-            point |= {name: values[i] for (name, values), i in zip(self.axes.items(), place, strict=False)}
-            point |= {name: values[place[-1]] for name, values in self.drawn.items()}
-        return found
 
 
 @dataclass(frozen=True, slots=True)

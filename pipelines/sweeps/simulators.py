@@ -9,6 +9,7 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from labpipe.materials import Prony
 
 _PER_CYCLE = 200  # samples of an oscillation
+DRAW = "draw"  # name of the dimension of random draws
 _STATE = ("temperature", "vertical_shift")  # of a material
 
 Value = float | str | None
@@ -41,6 +43,43 @@ class Simulator:
     run: Callable[[Sequence[Point]], list[Outputs]]
     parameters: dict[str, Parameter]
     outputs: dict[str, tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """All points of a sweep.
+
+    ``axes``: values in SI by parameter, whose product is the grid, the first varies slowest; ``fixed``: every other
+    parameter; ``drawn``: parameters with a standard uncertainty, one value per draw. The draws are the same at every
+    point of the grid, so that differences over the grid are not noise.
+    """
+
+    simulator: str
+    axes: dict[str, tuple[Value, ...]]
+    fixed: dict[str, Value]
+    drawn: dict[str, tuple[float, ...]]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Points along each dimension, draws last."""
+        draws = [(DRAW, len(values)) for values in self.drawn.values()]
+        return {name: len(values) for name, values in self.axes.items()} | dict(draws)
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return prod(self.sizes.values())
+
+    def points(self, numbers: range) -> list[dict[str, Value]]:
+        """All parameters of some points, by their numbers in the order of the flattened grid."""
+        import numpy as np
+
+        found = [dict(self.fixed) for _ in numbers]
+        places = zip(*np.unravel_index(numbers, tuple(self.sizes.values())), strict=True) if self.sizes else ()
+        for point, place in zip(found, places, strict=False):
+            point |= {name: values[i] for (name, values), i in zip(self.axes.items(), place, strict=False)}
+            point |= {name: values[place[-1]] for name, values in self.drawn.items()}
+        return found
 
 
 def _solid(point: Point) -> "Prony":

@@ -16,8 +16,8 @@ from labpipe.errors import InputError, UsageError
 from labpipe.workflow.engines import side_by_side
 from pipelines.commands.simulate import sweep as command
 from pipelines.sweeps import run as run_module, sweep
-from pipelines.sweeps.run import Design, Outcome, design
-from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
+from pipelines.sweeps.run import Outcome, design
+from pipelines.sweeps.simulators import SIMULATORS, Design, Parameter, Simulator, Value
 
 
 def _toy(point: Mapping[str, Value]) -> dict[str, float]:
