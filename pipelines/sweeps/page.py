@@ -15,7 +15,7 @@ _CURVES = 12  # of one chart; more cannot be distinguished
 
 def render(plan: Design, dataset: "xr.Dataset", file: str) -> str:
     """Return the page of a sweep as HTML text; ``file``: the name of its netCDF file."""
-    rows = []
+    rows: list[tuple[str, str, str]] = []
     for name, known in SIMULATORS[plan.simulator].parameters.items():
         text, remark = "", known.text
         if values := plan.axes.get(name):
@@ -68,13 +68,14 @@ def _output(values: "xr.DataArray") -> KeyValues | LineChart:
     mean, every = mean.sortby(along), -(-len(places) // _CURVES)
     shown = display_unit(mean.values[np.isfinite(mean.values)].tolist(), unit)
     x_shown = display_unit(mean[along].values.tolist(), mean[along].attrs["units"])
-    x, series = mean[along].values / x_shown.factor, []
+    x, series = mean[along].values / x_shown.factor, list[Series]()
     for place in places[::every]:
         name = ", ".join(_text(mean[n].values[i].item(), mean[n].attrs["units"].strip("1")) for n, i in place.items())
         series.append(Series(name or title, x, mean.isel(place).values / shown.factor))
-    labels = (f"{_read(n)}{f' / {s.text}' if s.text else ''}" for n, s in ((along, x_shown), (title, shown)))
+    x_label, y_label = (f"{_read(n)}{f' / {s.text}' if s.text else ''}" for n, s in ((along, x_shown), (title, shown)))
     remarks = [f"curves: {', '.join(map(_read, others))}"] if others else []
     remarks += [f"{len(series)} of {len(places)} shown"] if every > 1 else []
     remarks += ["mean of the draws"] if DRAW in values.dims else []
     is_geometric = x.size > 2 and x[0] > 0.0 and np.allclose(x[1:] / x[:-1], x[1] / x[0], rtol=1e-3)
-    return LineChart(title, *labels, series, x_scale="log" if is_geometric else "linear", caption="; ".join(remarks))
+    labels, caption = (title, x_label, y_label), "; ".join(remarks)
+    return LineChart(*labels, series, x_scale="log" if is_geometric else "linear", caption=caption)
