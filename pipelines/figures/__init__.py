@@ -1,6 +1,6 @@
 """The figures of the thesis by number: titles, inputs and drawing functions.
 
-One explicit tuple, :data:`FIGURES`; a figure names its function as text, so that listing imports
+One explicit list, ``figures.toml``; a figure names its function as text, so that listing imports
 no numerical library. :mod:`pipelines.figures.make` decides which figures to draw and writes them,
 :mod:`pipelines.figures.inputs` finds the experiments of a session that a figure shows,
 :mod:`pipelines.figures.drawing` holds the parts that all figures share, and one or more modules per chapter

@@ -20,6 +20,8 @@ TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
 CHARACTERISTIC_TIME = 1.56e-10
 """tau_0 of eq. (2.38) in s."""
+FORCES = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
+"""Depth [m], peak and plateau force [N] of section 2.3.2."""
 
 _RAMP, _HOLD = 1e-3, 600.0
 _MEAN = 0.05 * TIP_RADIUS

@@ -31,7 +31,7 @@ from labpipe.contact import contact_stiffness
 from labpipe.contact.line import dimensionless_frequency, dimensionless_length, westergaard
 from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
-from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, PERIOD, TIP_RADIUS, least_force
+from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, FORCES, PERIOD, TIP_RADIUS, least_force
 from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
 
 Verdict = Literal[
@@ -51,8 +51,7 @@ _RELAXED_CONTACT_MODULUS = 10.14e6
 """Pa; the one modulus that gives the three plateaus of section 2.3.2."""
 
 _ABOVE_THE_FRONT = 1e2  # Hz
-_INDENTATIONS = (0.1e-3, 0.2e-3, 0.3e-3)
-_PLATEAUS, _PEAKS = (12.2, 31.0, 55.5), (23.1, 44.7, 80.6)  # N, of section 2.3.2
+_INDENTATIONS, _PEAKS, _PLATEAUS = zip(*FORCES, strict=True)
 
 
 @dataclass(frozen=True, slots=True)

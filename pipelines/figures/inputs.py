@@ -104,7 +104,7 @@ def matching(session: Session | None, need: Need) -> dict[str, Experiment]:
 
 def _fits(need: Need, name: str, settings: Any) -> bool:
     """Return whether an experiment has the temperature and the material; without a material its name counts."""
-    if need.heated is not None and is_heated(settings) != need.heated:
+    if is_heated(settings) != need.heated:
         return False
     holders = (settings, *(getattr(settings, body, None) for body in ("sphere", "substrate", "sample", "specimen")))
     found = [getattr(h, key, None) for h in holders for key in ("material", "material_from", "material_file")]

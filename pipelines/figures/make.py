@@ -30,13 +30,12 @@ if TYPE_CHECKING:
     from pipelines.figures.drawing import Drawing
 
 RECORD = "figures.json"
-"""Keys and digests of what was drawn, beside the figures."""
+"""Keys and digests of the drawn figures, in their folder."""
 
 READY = "ready"
 UP_TO_DATE = "up to date"
 NEEDS_SESSION = "needs a session"
 IMPOSSIBLE = "cannot be regenerated"
-NOT_DRAWN = "not drawn by this version"
 DRAWN = "drawn"
 FAILED = "failed"
 
@@ -143,7 +142,7 @@ class Shelf:
     def state(self, figure: Figure, record: Mapping[str, Any]) -> State:
         """Say whether a figure can be drawn."""
         if not figure.function:
-            return State(figure, IMPOSSIBLE if figure.reason else NOT_DRAWN, figure.reason)
+            return State(figure, IMPOSSIBLE, figure.reason)
         names: tuple[str, ...] = ()
         for need in figure.needs:
             found = tuple(matching(self.session, need))
@@ -161,8 +160,7 @@ class Shelf:
     def key(self, figure: Figure, names: tuple[str, ...]) -> str:
         """Return the key of a figure: everything on which it depends, as one digest."""
         parts = {
-            "id": figure.id,
-            "data": self.with_data,
+            "figure": [figure.id, figure.arguments, self.with_data],
             "code": behind(figure.function, "pipelines.experiments", "pipelines.rig", is_page=True),
             "results": result_keys(self.plan, self.session, figure.needs) if self.plan is not None and names else {},
         }

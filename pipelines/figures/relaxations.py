@@ -6,11 +6,9 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from labpipe.report import line_arguments
+from pipelines.figures.chapter2 import FORCES
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs, with_u
-
-_PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
-"""Depth [m], peak and plateau force [N] of section 2.3.2."""
 
 _MOST_TESTS, _DRAWN_POINTS = 3, 400
 _GAP = 120.0  # µm between the circles of figure 3.17 (b)
@@ -42,7 +40,7 @@ def relaxation(inputs: Inputs) -> Drawing:
             place.yaxis.label.set_visible(place is axes[0, 0])
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
-            known = next((row[1:] for row in _PRINTED if abs(depth - row[0]) < 0.1 * row[0]), None)
+            known = next((row[1:] for row in FORCES if abs(depth - row[0]) < 0.1 * row[0]), None)
             clean = with_u(inputs.result(name, "curves", file).isel(ramp=0), "peak_force_unfiltered", 1.0, 2)
             notes.append(
                 f"{depth * 1e3:.2g} mm: peak {clean} N before the filter and {peak:.2f} N behind it, plateau "

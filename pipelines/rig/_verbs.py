@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from labpipe.errors import InputError
+from labpipe.workflow.engines import Call, Died, elsewhere
+from labpipe.workflow.graph import imports_of
 from labpipe.workflow.results import Event, RunResult
-from labpipe.workflow.session import Session
-from pipelines.rig._ahead import holds_demo, record_elsewhere
-from pipelines.session import open_session, process
+from labpipe.workflow.session import FILE_NAME, Session
+from pipelines.rig import DEMO_TITLE
+from pipelines.session import STAGES, open_session, process
+
+_KINDS = ("dma", "ball_drop", "harmonic")
+_RECORDING = "pipelines.rig.samples"
 
 
 def sample(name: str, folder: str | Path, *, full_size: bool = False, seed: int | None = None) -> Session:
@@ -49,11 +55,21 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False, seed: int 
 
 
 def record_demo(folder: str | Path) -> bool:
-    """Write the demonstration into a folder unless it is there; return whether it was written."""
-    is_there = holds_demo(folder)
-    if not is_there:
-        record_elsewhere(Path(folder))
-    return not is_there
+    """Write the demonstration into a folder unless its session.toml is there; return whether it was written.
+
+    It is recorded in a process of those that will work on it, forked from one that has loaded the numerical libraries,
+    which this one then need not do. InputError says that the process died.
+    """
+    source = Path(folder) / FILE_NAME
+    if source.is_file() and f'title = "{DEMO_TITLE} (synthetic)"' in source.read_text("utf-8", "replace"):
+        return False
+    stages = (stage for kind in _KINDS for stage in STAGES[kind])
+    imports = (*imports_of(stages), _RECORDING, "labpipe.compilation")
+    try:
+        elsewhere(Call(f"{_RECORDING}:write_sample", ("demo", Path(folder)), imports=imports))
+    except Died as death:
+        raise InputError(f"the demonstration was not recorded: {death}; remove {folder} and try again") from None
+    return True
 
 
 def demo(

@@ -45,21 +45,11 @@ def write_calibration_images(folder: Path, seed: int = 71) -> list[str]:
         "ruler_under": ruler_image(240, 1280, tilts["ruler_under"], seed),
         "holder_front": holder_image(240, 640, tilts["holder_front"], seed + 1),
     }
-    names = []
     for name, image in images.items():
-        is_done, data = cv2.imencode(".png", image)
-        if not is_done:
-            raise RuntimeError(f"{name} cannot be encoded as PNG")
-        names.append(f"calibration/{name}.png")
-        files.write_bytes(folder / names[-1], data.tobytes())
-    truth = {
-        "tilt": tilts,
-        "pixels_per_m_under": UNDER_SCALE,
-        "graduation": _GRADUATION,
-        "holder_pixels": HOLDER_PIXELS,
-    }
-    write_truth(folder, "calibration_images", truth)
-    return names
+        files.write_bytes(folder / f"calibration/{name}.png", cv2.imencode(".png", image)[1].tobytes())
+    sizes = {"pixels_per_m_under": UNDER_SCALE, "graduation": _GRADUATION, "holder_pixels": HOLDER_PIXELS}
+    write_truth(folder, "calibration_images", {"tilt": tilts} | sizes)
+    return [f"calibration/{name}.png" for name in images]
 
 
 def _across(rows: int, columns: int, tilt: float) -> Floats:

@@ -7,7 +7,7 @@ all five materials go through the rheometer. Independent recordings are written 
 """
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -16,28 +16,17 @@ import numpy as np
 
 from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
-from pipelines.rig import film_front, film_under, session_text
+from pipelines.rig import film_front, film_session, film_under, session_text
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import CAMPAIGN, Protocol, sweeps
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_session import (
-    FRONT_HEIGHT,
-    FULL_TIMES,
-    Bursts,
-    burst_times,
-    front_section,
-    under_section,
-    write_front,
-    write_under,
-)
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
 from pipelines.rig.indentations import TIP_RADIUS, Harmonic
 from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.plate_session import plate_section, write_ringing_of
+from pipelines.rig.plate import PLATE, PLATE_RIG, plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
 from pipelines.rig.relaxations import TESTER, Relaxation
 from pipelines.rig.solids import SAPPHIRE, SOLIDS, Viscoelastic, specimen_of
@@ -60,7 +49,7 @@ _ON_PLATE = 'plate_from = "plate"\n'
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """The extent of a campaign, and its instruments.
+    """The extent of a campaign, and its instruments; by default the thesis's.
 
     ``heights`` are those of the drops that the laser and the camera under the disc see, on
     the plate too, ``front_height`` that of PTFE before the front camera. ``bursts`` says when the
@@ -69,45 +58,27 @@ class Extent:
     added to those of all recordings.
     """
 
-    heights: tuple[float, ...]
-    ringing: tuple[str, ...]
-    repeats: int
-    plate_repeats: int
-    rig: DropRig
-    plate_rig: DropRig
-    under: UnderCamera
-    bursts: Bursts | None
-    front: FrontCamera
-    front_height: float
-    relaxation: Relaxation
-    harmonic: Harmonic
-    dma: Protocol
-    to_rest: bool
-    static: StaticRig
-    tester: Tester
-    tip_radius: float
+    heights: tuple[float, ...] = (1.5e-3, 5e-3, 7e-3, 10e-3)
+    ringing: tuple[str, ...] = POLYMERS
+    repeats: int = 5
+    plate_repeats: int = 3
+    rig: DropRig = field(default_factory=lambda: DropRig(floor=PLATE))
+    plate_rig: DropRig = PLATE_RIG
+    under: UnderCamera = field(default_factory=lambda: UnderCamera(rows=160, columns=640))  # contacts need 550 px
+    bursts: film_session.Bursts | None = field(default_factory=film_session.Bursts)
+    front: FrontCamera = field(default_factory=lambda: FrontCamera(rows=144, columns=96, duration=0.32))  # figure 3.8
+    front_height: float = film_session.FRONT_HEIGHT
+    relaxation: Relaxation = field(default_factory=Relaxation)
+    harmonic: Harmonic = field(default_factory=lambda: Harmonic(frequencies=FREQUENCIES))
+    dma: Protocol = CAMPAIGN
+    to_rest: bool = True
+    static: StaticRig = field(default_factory=StaticRig)
+    tester: Tester = TESTER
+    tip_radius: float = TIP_RADIUS
     seed: int = 0
 
 
-THESIS = Extent(
-    heights=(1.5e-3, 5e-3, 7e-3, 10e-3),
-    ringing=POLYMERS,
-    repeats=5,
-    plate_repeats=3,
-    rig=DropRig(floor=PLATE),
-    plate_rig=PLATE_RIG,
-    under=UnderCamera(rows=160, columns=640),  # the widest contact, 1.2 mm, needs 550 px
-    bursts=Bursts(),
-    front=FrontCamera(rows=144, columns=96, duration=0.32),  # figure 3.8 (b) ends at 0.3 s
-    front_height=FRONT_HEIGHT,
-    relaxation=Relaxation(),
-    harmonic=Harmonic(frequencies=FREQUENCIES),
-    dma=CAMPAIGN,
-    to_rest=True,
-    static=StaticRig(),
-    tester=TESTER,
-    tip_radius=TIP_RADIUS,
-)
+THESIS = Extent()
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
 FULL_SIZE = replace(THESIS, under=film_under.FULL_SIZE, bursts=None, front=film_front.FULL_SIZE)
@@ -122,7 +93,7 @@ SMALL = replace(
     rig=replace(THESIS.rig, sensor=replace(THESIS.rig.sensor, cycle=100e-6), duration=0.4),
     plate_rig=replace(PLATE_RIG, sensor=replace(PLATE_RIG.sensor, cycle=100e-6), duration=0.12),
     under=UnderCamera(rows=32),
-    bursts=Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, rest=0.4891411, frames_at_rest=6),
+    bursts=film_session.Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, rest=0.4891411, frames_at_rest=6),
     front=FrontCamera(rows=52, columns=52, frame_rate=2000, duration=0.06),
     front_height=1.5e-3,
     relaxation=Relaxation(hold=12.0),
@@ -157,30 +128,22 @@ def drawn(extent: Extent, seed: int) -> Extent:
     on_plate = rig(extent.plate_rig, session_text.STATED_ON_PLATE)
     tester, tip_radius = replace(extent.tester, force_gain=1.0 + off(1e-3)), extent.tip_radius + off(2e-6)
     disc = SAPPHIRE / (1.0 + off(10 / 403))
+    sensor = replace(extent.static.sensor, inclination=laser.sensor.inclination)
     return replace(
         extent,
         rig=replace(laser, disc=disc),
         plate_rig=replace(on_plate, disc=disc),
         under=replace(extent.under, pixel_size=under * (1.0 + by_ruler)),
         front=replace(extent.front, pixel_size=front * (1.0 + by_holder)),
-        static=replace(
-            extent.static,
-            radius=radius,
-            sensor=replace(extent.static.sensor, inclination=laser.sensor.inclination),
-            disc=disc,
-        ),
+        static=replace(extent.static, radius=radius, sensor=sensor, disc=disc),
         tester=tester,
         tip_radius=tip_radius,
         seed=1_000_000 * seed,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """One recording session: the function that writes it, and its experiments."""
-
-    names: tuple[str, ...]
-    write: Callable[[], str]
+Part = tuple[tuple[str, ...], Callable[[], str]]
+"""One recording session: its experiments, and the function that writes them and returns their sections."""
 
 
 def write_campaign(
@@ -197,18 +160,18 @@ def write_campaign(
     ``only``: these experiments, by default all. Recordings are written side by side by some workers; the files do not
     depend on it.
     """
-    parts = [part for part in _parts(folder, start, extent) if not only or set(part.names) & set(only)]
-    tasks = {number: (part,) for number, part in enumerate(parts)}
+    parts = [part for part in _parts(folder, start, extent) if not only or set(part[0]) & set(only)]
+    tasks = dict(enumerate(parts))
     found: dict[int, str] = {}
     for number, section in side_by_side(choose(workers), f"{__name__}:written", tasks):
         if isinstance(section, Died):
-            raise LabpipeError(f"recording {', '.join(parts[number].names)}: {section}; too little memory?")
+            raise LabpipeError(f"recording {', '.join(parts[number][0])}: {section}; too little memory?")
         found[number] = section
     if extent is not SMALL and not only:
         write_calibration_images(folder)
     sections = joined([found[number] for number in tasks])
     session_text.write_session(folder, title, sections, is_binned=extent.bursts is not None)
-    return list(dict.fromkeys(name for part in parts for name in part.names))
+    return list(dict.fromkeys(name for names, _ in parts for name in names))
 
 
 def joined(sections: list[str]) -> str:
@@ -218,9 +181,10 @@ def joined(sections: list[str]) -> str:
     return (plate_section(drops) if drops else "") + rest
 
 
-def written(part: Part) -> str:
+def written(names: tuple[str, ...], write: Callable[[], str]) -> str:
     """Write a part; return its section of session.toml."""
-    return part.write()
+    del names
+    return write()
 
 
 def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
@@ -236,23 +200,21 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
             drops.append((material, height, None, seed, begun))
             if material in extent.ringing:
                 of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, begun + timedelta(days=5))
-                rings.append(Part(("plate",), partial(write_ringing_of, folder, *of)))
+                rings.append((("plate",), partial(write_ringing_of, folder, *of)))
     drops.append(("acrylic", highest, HEATED, extent.seed + 9900, start + timedelta(days=10)))
     static = partial(record_static, folder, "ptfe_static", start + timedelta(days=12), extent.static, extent.seed)
     punched = extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
     rubber = partial(write_indentations, folder, start + timedelta(days=20), *punched)
     rheometer = partial(sweeps, folder, protocol=extent.dma, seed=extent.seed)
+    films = [(f"{_name('acrylic', *one)}_film", partial(_contact_film, folder, *one, extent)) for one in filmed]
     return [
-        Part(("nbr_relaxation", "nbr_harmonic"), rubber),
-        *(
-            Part((f"{_name('acrylic', height, warm)}_film",), partial(_contact_film, folder, height, warm, extent))
-            for height, warm in filmed
-        ),
-        Part(("ptfe_static",), static),
-        Part(("ptfe_film",), partial(_front_film, folder, extent)),
-        *(Part((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops),
+        (("nbr_relaxation", "nbr_harmonic"), rubber),
+        *(((name,), write) for name, write in films),
+        (("ptfe_static",), static),
+        (("ptfe_film",), partial(_front_film, folder, extent)),
+        *(((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops),
         *rings,
-        *(Part((session_text.dma_name(name),), partial(rheometer, name)) for name in SOLIDS),
+        *(((session_text.dma_name(name),), partial(rheometer, name)) for name in SOLIDS),
     ]
 
 
@@ -274,18 +236,20 @@ def _contact_film(folder: Path, height: float, temperature: float | None, extent
     """Film the contact of acrylic through the disc."""
     name = f"{_name('acrylic', height, temperature)}_film"
     body = Body(_specimen("acrylic", temperature), height, extent.rig.radius, extent.rig.mass, PLATE, extent.rig.disc)
-    times = FULL_TIMES
+    times = film_session.FULL_TIMES
     if extent.bursts is not None:
         bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts
-        times = burst_times(body, extent.under.release, bursts)
+        times = film_session.burst_times(body, extent.under.release, bursts)
     seed = extent.seed + 3700 + round(1e4 * height) + (0 if temperature is None else 1)
-    film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
-    return under_section(film, name, height, extra=_ON_PLATE, source=session_text.from_dma("acrylic", temperature))
+    film = film_session.write_under(folder, f"{name}_under", body, extent.under, times, seed)
+    return film_session.under_section(
+        film, name, height, extra=_ON_PLATE, source=session_text.from_dma("acrylic", temperature)
+    )
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
-    film = write_front(folder, "ptfe", extent.front_height, extent.front, extent.seed + 31, extent.rig)
-    return front_section(film, extent.front, extent.front_height)
+    film = film_session.write_front(folder, "ptfe", extent.front_height, extent.front, extent.seed + 31, extent.rig)
+    return film_session.front_section(film, extent.front, extent.front_height)
 
 
 def _drops(

@@ -1,9 +1,4 @@
-"""Dynamic mechanical analysis as the virtual rig exports it, with its true values.
-
-The materials are fractional elements (Havriliak & Negami, Polymer 8 (1967) 161,
-doi:10.1016/0032-3861(67)90021-3), which no finite sum of exponentials equals; the analysis fits
-such sums, so it cannot be right by construction. Nothing here asks :mod:`labpipe.materials`.
-"""
+"""Dynamic mechanical analysis of the rig's fractional solids as a rheometer exports it, with its true values."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -15,8 +15,6 @@ from pipelines.rig.reference_drop import Trajectory
 from pipelines.rig.session_text import write_truth
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
-_MARGIN = 1e-3  # s by which the motion outlasts the record
-
 
 @dataclass(frozen=True, slots=True)
 class Drop:
@@ -43,7 +41,7 @@ def drop_once(
     true_height = height + generator.normal(0.0, rig.height_scatter)
     release = rig.release + abs(generator.normal(0.0, rig.release_jitter))
     body = Body(material, true_height, rig.radius, rig.mass, rig.floor, rig.disc)
-    motion = fall(body, rig.duration - release + _MARGIN)
+    motion = fall(body, rig.duration - release + 1e-3)  # s by which it outlasts the record
     time = np.arange(round(rig.duration / sensor.cycle), dtype=np.float64) * sensor.cycle
     noise = generator.normal(0.0, sensor.noise, time.size)
     return Drop(sensor.readings(seen(motion, time - release), noise), motion, true_height, release)

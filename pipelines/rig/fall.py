@@ -1,11 +1,10 @@
-"""The falling body and the rig that drops it, common to all synthetic recordings."""
+"""The falling body, the rig that drops it, and the laser that looks at it, common to all synthetic recordings."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
 from pipelines.rig.solids import SAPPHIRE, Truth, solid_of
 
@@ -20,6 +19,22 @@ class Body:
     mass: float = 0.505
     floor: Floor | None = None
     disc: float = SAPPHIRE
+
+
+@dataclass(frozen=True, slots=True)
+class LaserSensor:
+    """A laser displacement sensor that looks at a moving part under an angle: its errors, in m, rad and s."""
+
+    inclination: float
+    cycle: float = 50e-6
+    noise: float = 1.0e-6
+    step: float = 0.1e-6
+    zero: float = 2.5e-3
+
+    def readings(self, moved: Floats, errors: Floats) -> Floats:
+        """Return the readings (n,) of a motion (n,) upwards, with the errors of each, in m."""
+        along = moved * np.cos(self.inclination) + self.zero + errors
+        return np.round(along / self.step) * self.step
 
 
 @dataclass(frozen=True, slots=True)

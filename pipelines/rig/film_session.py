@@ -9,7 +9,7 @@ from labpipe.arrays import Floats
 from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.film_front import FrontCamera, write_front_film
 from pipelines.rig.film_under import UnderCamera, write_under_film
-from pipelines.rig.session_text import from_library, height_name, write_truth
+from pipelines.rig.session_text import from_library, height_name, section, write_truth
 from pipelines.rig.solids import specimen_of
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
@@ -82,38 +82,14 @@ def front_section(film: str, camera: FrontCamera, height: float = FRONT_HEIGHT) 
     subset = 2 * int(min(row - 3, 100)) + 1
     middle = 0.5 * (camera.columns - 1)
     small = 31 if camera.rows > 200 else min(21, 2 * (camera.columns // 6) + 1)
-    left, right = small, camera.columns - 1 - small
-    return f"""
-[experiments.ptfe_film]
-kind = "dic_validation"
-film = "{film}"
-camera = "calibration/camera_front.toml"
-view = "front"
-laser_experiment = "ptfe_{height_name(height)}"
-
-[experiments.ptfe_film.tracking]
-body = [{middle}, {row:.1f}]  # px in the first image, on the holder
-body_subset = {subset}
-line = [[{left}, {row:.1f}], [{right}, {row:.1f}]]
-points = {50 if camera.rows > 200 else 6}
-subset = {small}
-"""
+    places = {"middle": middle, "row": f"{row:.1f}", "left": small, "right": camera.columns - 1 - small}
+    sizes = {"body_subset": subset, "points": 50 if camera.rows > 200 else 6, "subset": small}
+    return section("dic_validation", film=film, height_name=height_name(height), **places, **sizes)
 
 
 def under_section(
     film: str, name: str = "acrylic_film", height: float = UNDER_HEIGHT, *, extra: str = "", source: str = ""
 ) -> str:
     """Return the table of a film under the disc; ``source`` as for :func:`.drop_section`."""
-    return f"""
-[experiments.{name}]
-kind = "contact_area"
-film = "{film}"
-camera = "calibration/camera_under.toml"
-view = "under"
-height = "{height * 1e3:g} ± 0.005 mm"
-wavelength = "633 nm"
-{extra}
-[experiments.{name}.sphere]
-radius = "9.525 ± 0.005 mm"
-mass = "505.0 ± 0.5 g"
-{source or from_library("acrylic")}"""
+    source = source or from_library("acrylic")
+    return section("contact_area", name=name, film=film, height=height, extra=extra, source=source)

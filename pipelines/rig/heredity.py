@@ -62,15 +62,8 @@ def no_history(solid: Viscoelastic, springs: int, scale: float = 1.0) -> History
 
 def copy_of(history: History, springs: int) -> History:
     """Return a copy of the history of the first springs."""
-    return History(
-        history.table,
-        history.edges.copy(),
-        history.moments[:, :, :springs].copy(),
-        history.is_single.copy(),
-        history.order.copy(),
-        history.blocks.copy(),
-        history.values,
-    )
+    changing = {name: getattr(history, name).copy() for name in ("edges", "is_single", "order", "blocks")}
+    return history._replace(moments=history.moments[:, :, :springs].copy(), **changing)
 
 
 @inner()

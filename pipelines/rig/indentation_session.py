@@ -8,7 +8,7 @@ from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.relaxations import Relaxation, write_relaxation
-from pipelines.rig.session_text import cell_record, from_dma, from_library
+from pipelines.rig.session_text import cell_record, from_dma, from_library, section
 from pipelines.rig.solids import specimen_of
 
 FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -23,41 +23,18 @@ def punch_section(name: str, specimen: Specimen, source: str, *, is_calibrated: 
     Without a calibration lengths are stated without their uncertainty too.
     """
     u_tip, u_depth = (" ± 0.002", " ± 0.006") if is_calibrated else ("", "")
-    cell = f'[experiments.{name}.load_cell]\nrecord = "calibration/load_cell.toml"\n\n' if is_calibrated else ""
-    return f"""
-[experiments.{name}.punch]
-radius = "{specimen.tip_radius * 1e3:g}{u_tip} mm"
-period = "{specimen.period * 1e3:g}{u_tip} mm"
-depth = "{specimen.depth * 1e3:g}{u_depth} mm"
-tips = {specimen.tips}
-
-[experiments.{name}.substrate]
-{source or from_library(_MATERIAL)}
-{cell}[experiments.{name}.model]
-profile = "parabola"  # the virtual tip is one
-"""
+    given = {"u_tip": u_tip, "u_depth": u_depth, "source": source or from_library(_MATERIAL)}
+    return section("punch", name=name, specimen=specimen, is_calibrated=is_calibrated, **given)
 
 
 def relaxation_section(name: str, mach1: list[str], specimen: Specimen, source: str = "") -> str:
     """Return the tables of relaxation tests in session.toml."""
-    listed = "".join(f'  "{each}",\n' for each in mach1)
-    head = f"""
-[experiments.{name}]
-kind = "relaxation"
-mach1 = [
-{listed}]
-"""
-    return head + punch_section(name, specimen, source)
+    return section("relaxation", name=name, mach1=mach1) + punch_section(name, specimen, source)
 
 
 def oscillation_section(name: str, specimen: Specimen, source: str = "", *, is_calibrated: bool = True) -> str:
     """Return the tables of a harmonic indentation, by default with a calibrated load cell."""
-    tau = 'characteristic_time = "1.56e-10 s"  # tau_0 of the thesis\n' if is_calibrated else ""
-    head = f"""
-[experiments.{name}]
-kind = "harmonic"
-mach1 = "mach1/{name}.txt"
-{tau}"""
+    head = section("harmonic", name=name, is_calibrated=is_calibrated)
     return head + punch_section(name, specimen, source, is_calibrated=is_calibrated)
 
 

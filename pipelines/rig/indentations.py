@@ -29,8 +29,6 @@ _DENSE_AFTER_MOVE = 1.0  # s after a motion during which every fine point is com
 _PER_CYCLE = 400  # points; a line between two misses 3e-5 of the amplitude
 _THINNING = 50  # of the fine points of a long rest, one in so many is computed
 _SETTLE = 2.0  # s between blocks, the stage at rest
-
-
 TIP_RADIUS = 2e-3  # m, as stated
 
 

@@ -4,6 +4,7 @@ The plate's motion is that of the reference drop's own floor, which is stepped w
 the analysis fits a damped oscillation to its readings.
 """
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
 from pipelines.rig.drops import drop_once, write_recordings
-from pipelines.rig.fall import DropRig
-from pipelines.rig.laser_sensor import LaserSensor
+from pipelines.rig.fall import DropRig, LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory
+from pipelines.rig.session_text import from_dma, section
 from pipelines.rig.solids import specimen_of
 
 PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
@@ -76,3 +77,17 @@ def write_ringing(
         truth = known | {"amplitude": amplitude, "blow_time": drop.release + blow, "height": drop.height}
         recorded.append((drop.readings, truth))
     return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)
+
+
+def write_ringing_of(
+    folder: Path, rig: DropRig, material: str, height: float, repeats: int, seed: int, start: datetime
+) -> str:
+    """Record the plate under repeated drops of one material and height; returns their table."""
+    stem = f"plate_{material}_{height * 1e3:g}mm".replace(".", "p")
+    recordings = write_ringing(folder, stem, rig, material, height, repeats, seed, start)
+    return section("plate_drops", material=material, source=from_dma(material), height=height, recordings=recordings)
+
+
+def plate_section(drops: Sequence[str]) -> str:
+    """Return the tables of the plate's vibration in session.toml."""
+    return section("plate_vibration", drops=drops)

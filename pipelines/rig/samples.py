@@ -12,24 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.errors import UsageError
-from pipelines.rig import film_front, film_under
-from pipelines.rig._ahead import DEMO_TITLE
+from pipelines.rig import DEMO_TITLE, film_front, film_session, film_under
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import sweeps
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_session import (
-    FRONT_HEIGHT,
-    FULL_TIMES,
-    UNDER_HEIGHT,
-    Bursts,
-    burst_times,
-    front_section,
-    under_section,
-    write_front,
-    write_under,
-)
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
@@ -46,22 +34,11 @@ from pipelines.rig.session_text import (
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
 
-__all__ = [
-    "SAMPLES",
-    "STATED_FLOOR",
-    "Sample",
-    "drop_section",
-    "laser_record",
-    "session_head",
-    "sweeps",
-    "write_sample",
-]
+__all__ = ["drop_section", "laser_record", "session_head", "sweeps"]  # for sessions of a test's own
 
 _START = datetime(2024, 5, 14, 9, 30)
-
-
 STATED_FLOOR = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
-"""What the laboratory knows of its table: near the truth within what it states, not the truth."""
+"""The laboratory's knowledge of its table: near the truth within what it states, not the truth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,54 +84,54 @@ def _core(title: str, heights: tuple[float, ...], repeats: int, protocol: Harmon
 
 
 def _films(folder: Path, *, full_size: bool = False) -> list[str]:
-    """Film PTFE from the front, with the laser beside, and acrylic through the disc.
+    """Film PTFE from the front while the laser records it, and acrylic through the disc.
 
     In full size films have 1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
     """
-    laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), FRONT_HEIGHT, 3, 4711, _START)
+    laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), film_session.FRONT_HEIGHT, 3, 4711, _START)
     front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
-    body = Body(specimen_of("acrylic"), UNDER_HEIGHT, floor=Floor())
-    times = FULL_TIMES if full_size else burst_times(body, under.release, Bursts())
-    sections = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
-    sections += front_section(write_front(folder, "ptfe", FRONT_HEIGHT, front, 31), front)
-    film = write_under(folder, "acrylic_under", body, under, times, 37)
-    sections += under_section(film, source=from_dma("acrylic")) + sweeps(folder, "ptfe", "acrylic")
+    body = Body(specimen_of("acrylic"), film_session.UNDER_HEIGHT, floor=Floor())
+    times = (
+        film_session.FULL_TIMES if full_size else film_session.burst_times(body, under.release, film_session.Bursts())
+    )
+    sections = drop_section("ptfe_7mm", laser, film_session.FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
+    sections += film_session.front_section(
+        film_session.write_front(folder, "ptfe", film_session.FRONT_HEIGHT, front, 31), front
+    )
+    film = film_session.write_under(folder, "acrylic_under", body, under, times, 37)
+    sections += film_session.under_section(film, source=from_dma("acrylic")) + sweeps(folder, "ptfe", "acrylic")
     write_calibration_images(folder)
     write_session(folder, "Films of PTFE and acrylic", sections, is_binned=not full_size)
     return ["ptfe_7mm", "ptfe_film", "acrylic_film", "ptfe_dma", "acrylic_dma"]
 
 
-def _campaign(name: str, folder: Path, *, seed: int | None = None, full_size: bool = False) -> list[str]:
+def _campaign(
+    folder: Path, name: str = "THESIS", *, seed: int | None = None, full_size: bool = False, **asked: Any
+) -> list[str]:
+    """Record the campaign or, with a title, some of its experiments; ``asked`` are fields of a smaller extent."""
     from pipelines.rig import campaign
 
     extent = campaign.FULL_SIZE if full_size else getattr(campaign, name)
-    return campaign.write_campaign(folder, _START, extent if seed is None else campaign.drawn(extent, seed))
-
-
-def _part(title: str, only: tuple[str, ...], folder: Path, **smaller: Any) -> list[str]:
-    """Record some experiments of the campaign, which may be smaller."""
-    from pipelines.rig import campaign
-
-    extent = replace(campaign.THESIS, **smaller)
-    return campaign.write_campaign(folder, _START, extent, title=title, only=only)
+    extent = extent if seed is None else campaign.drawn(extent, seed)
+    part = {key: asked.pop(key) for key in ("title", "only") if key in asked}
+    return campaign.write_campaign(folder, _START, replace(extent, **asked) if asked else extent, **part)
 
 
 _DEMO = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
-_ALL_HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
 
 SAMPLES: dict[str, Sample] = {
     "indentation": Sample(
         "NBR under a periodic punch: relaxation at three depths, ten frequencies",
-        partial(_part, "NBR under a periodic punch", ("nbr_relaxation", "nbr_harmonic", "nbr_dma")),
+        partial(_campaign, title="NBR under a periodic punch", only=("nbr_relaxation", "nbr_harmonic", "nbr_dma")),
     ),
     "static": Sample(
         "a PTFE sphere under five loads, seen by the laser",
-        partial(_part, "PTFE sphere under five loads", ("ptfe_static", "ptfe_dma")),
+        partial(_campaign, title="PTFE sphere under five loads", only=("ptfe_static", "ptfe_dma")),
     ),
     "dma": Sample(
         "rheometer sweeps of five materials over temperature",
-        partial(_part, "Rheometer sweeps of five materials", tuple(map(dma_name, SOLIDS))),
+        partial(_campaign, title="Rheometer sweeps of five materials", only=tuple(map(dma_name, SOLIDS))),
     ),
     "demo": Sample(
         "three drops of acrylic, one short harmonic indentation", partial(_core, DEMO_TITLE, (1.5e-3,), 3, _DEMO)
@@ -162,9 +139,9 @@ SAMPLES: dict[str, Sample] = {
     "plate": Sample(
         "vibration of the plate under acrylic and PTFE; a drop modelled on it",
         partial(
-            _part,
-            "Ringing of the plate",
-            ("plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"),
+            _campaign,
+            title="Ringing of the plate",
+            only=("plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"),
             heights=(1.5e-3, 10e-3),
             ringing=("acrylic", "ptfe"),
             repeats=2,
@@ -172,14 +149,14 @@ SAMPLES: dict[str, Sample] = {
         ),
     ),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films, ("full_size",)),
-    "thesis": Sample(
-        "every experiment of the thesis: the whole campaign", partial(_campaign, "THESIS"), ("full_size", "seed")
-    ),
+    "thesis": Sample("every experiment of the thesis: the whole campaign", _campaign, ("full_size", "seed")),
     "thesis-small": Sample(
-        "the campaign in two megabytes: every kind, one height, two repeats", partial(_campaign, "SMALL"), ("seed",)
+        "the campaign in two megabytes: every kind, one height, two repeats",
+        partial(_campaign, name="SMALL"),
+        ("seed",),
     ),
     "core": Sample(
         "acrylic from four heights, five repeats; one harmonic indentation",
-        partial(_core, "Acrylic on sapphire and NBR under a punch", _ALL_HEIGHTS, 5, Harmonic()),
+        partial(_core, "Acrylic on sapphire and NBR under a punch", (1.5e-3, 5e-3, 7e-3, 10e-3), 5, Harmonic()),
     ),
 }

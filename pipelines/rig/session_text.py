@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment
+
 from labpipe import files
 from labpipe.workflow.session import VERSION
 from pipelines.rig.solids import Solid
@@ -15,6 +17,9 @@ NOTE = (
 )
 """What every synthetic file says of itself."""
 
+_ENVIRONMENT = Environment(trim_blocks=True, keep_trailing_newline=True)  # noqa: S701 - TOML, not HTML
+_ENVIRONMENT.filters["mm"] = lambda length: f"{length * 1e3:g}"
+_TEXTS = _ENVIRONMENT.from_string(Path(__file__).with_name("session.toml.jinja").read_text("utf-8"))
 _STATED_ROOM = 20.0  # degC; the truth differs within its u of 0.5 K
 _STATED_NU = {
     "nbr": "0.490 ± 0.005",
@@ -34,22 +39,14 @@ def height_name(height: float) -> str:
     return f"{height * 1e3:g}mm".replace(".", "p")
 
 
+def section(which: str, /, **given: Any) -> str:
+    """Return the tables of an experiment in session.toml, or another text of ``session.toml.jinja``."""
+    return str(getattr(_TEXTS.module, which)(**given))
+
+
 def record(kind: str, name: str, instrument: str, how: str, values: str) -> str:
     """Return a calibration record, as a laboratory would have written it; ``instrument`` may be more lines."""
-    return f"""# {NOTE}
-version = 1
-kind = "{kind}"
-id = "{name}-2024-05"
-instrument = {instrument}
-valid_from = 2024-05-01
-valid_until = 2025-04-30
-who = "the virtual rig"
-when = 2024-05-02
-how = "{how} (synthetic)"
-
-[values]
-{values}
-"""
+    return section("record", kind=kind, name=name, instrument=instrument, how=how, values=values, note=NOTE)
 
 
 def laser_record(place: str = "inclination", inclination: float = STATED_INCLINATION, step: str = "1 mm") -> str:
@@ -91,14 +88,7 @@ def cell_record() -> str:
 
 def session_head(title: str) -> str:
     """Return the beginning of a synthetic session.toml."""
-    return f"""labpipe = {VERSION}  # version of this file's format
-
-[session]
-title = "{title}"
-operator = "the virtual rig"
-notes = "{NOTE}"
-synthetic = true
-"""
+    return section("head", version=VERSION, title=title, note=NOTE)
 
 
 def write_session(folder: Path, title: str, sections: str, *, is_binned: bool = True) -> None:
@@ -145,19 +135,8 @@ def drop_section(
 
     ``source`` are the lines that name the material; without it, it is the library's.
     """
-    listed = "".join(f'  "{r}",\n' for r in recordings)
-    return f"""
-[experiments.{name}]
-kind = "ball_drop"
-laser = [
-{listed}]
-calibration = "calibration/laser.toml"
-height = "{height * 1e3:g} ± 0.005 mm"
-{extra}
-[experiments.{name}.sphere]
-radius = "9.525 ± 0.005 mm"
-mass = "505.0 ± 0.5 g"
-{source or from_library(material)}"""
+    source = source or from_library(material)
+    return section("ball_drop", name=name, recordings=recordings, height=height, extra=extra, source=source)
 
 
 def dma_section(name: str, export: str, solid: Solid) -> str:
@@ -168,16 +147,4 @@ def dma_section(name: str, export: str, solid: Solid) -> str:
     vertical = "rho_T" if solid.is_entropic else "linear"
     law = "" if solid.T_ref <= _WARMEST else 'law = "arrhenius"  # T_ref is above the sweeps\n'
     nu = _STATED_NU.get(name.removesuffix("_dma"), f"{solid.nu:g}")
-    return f"""
-[experiments.{name}]
-kind = "dma"
-rheometer = ["{export}"]
-mode = "{solid.mode}"  # what was loaded; the file does not say it
-nu = "{nu}"
-T_ref = "{solid.T_ref:g} degC"
-scale = "1.000 ± 0.010"  # of the moduli, by the specimen's dimensions
-
-[experiments.{name}.fit]
-delay = "on"  # the phase of any rheometer lags by some microseconds
-vertical = "{vertical}"  # a rubber is entropic, a plastic expands and softens a little
-{law}"""
+    return section("dma", name=name, export=export, solid=solid, nu=nu, vertical=vertical, law=law)

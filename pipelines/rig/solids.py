@@ -14,7 +14,9 @@ J. Abate & W. Whitt, INFORMS J. Comput. 18 (2006) 408, https://doi.org/10.1287/i
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -179,52 +181,12 @@ def truth_of_solid(solid: Viscoelastic | Solid) -> dict[str, Any]:
     return {"elements": [asdict(element) for element in solid.elements], "relaxed": solid.relaxed, "nu": solid.nu}
 
 
-#: The truth of every synthetic record of these materials; none is a measurement. Chosen so that
-#: the thesis's printed observations come out (plateaus of section 2.3.2, rest of PTFE of 3.3.2).
-SOLIDS: dict[str, Solid] = {
-    "nbr": Solid(
-        (Element(1.3e9, 2e-7, 0.62, 0.55), Element(10.5e6, 0.05, 0.5)),
-        7.7e6,
-        0.49,
-        kink=-60.0,
-        C1=23.0,
-        C2=60.0,
-        is_entropic=True,
-    ),
-    "acrylic": Solid(
-        (Element(2.5e9, 2e4, 0.6, 0.6), Element(2.3e9, 0.02, 0.32)),
-        6e6,
-        0.354,
-        energy=80e3,
-        kink=100.0,
-        C1=13.0,
-        C2=55.0,
-        T_ref=20.042,
-        softening=-4e-4,
-        mode="torsion",
-    ),
-    "peek": Solid(
-        (Element(1.0e9, 1.2e-3, 0.2),), 3.7e9, 0.383, energy=60e3, T_ref=129.93, softening=-4e-4, mode="torsion"
-    ),
-    "nylon": Solid(
-        (Element(1.6e9, 0.3, 0.3), Element(1.2e9, 1e-4, 0.25)),
-        0.7e9,
-        0.396,
-        energy=90e3,
-        T_ref=20.16,
-        softening=-4e-4,
-        mode="torsion",
-    ),
-    "ptfe": Solid(
-        (Element(2.45e9, 2.5e-4, 0.6, 0.9), Element(0.1e9, 100.0, 0.4)),
-        0.40e9,
-        0.464,
-        energy=100e3,
-        T_ref=20.031,
-        softening=-4e-4,
-        mode="torsion",
-    ),
+_READ = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+SOLIDS = {
+    name: Solid(**(given | {"elements": tuple(Element(*values) for values in given["elements"])}))
+    for name, given in _READ.items()
 }
+"""The truth of every synthetic record of these materials; none is a measurement."""
 
 SAPPHIRE = (1 - 0.24**2) / 400e9
 """1/Pa; compliance of the disc under every sphere: truly of 400 GPa, within the 10 GPa by which this is known."""

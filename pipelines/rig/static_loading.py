@@ -1,4 +1,12 @@
-"""A sphere under manually added loads, recorded by the laser every few seconds."""
+"""A sphere under manually added loads, recorded by the laser every few seconds.
+
+The rig's own creep inverts the Laplace transform of the true creep compliance numerically and puts it into the closed
+form of Lee and Radok for a contact that only grows (J. Appl. Mech. 27 (1960) 438, https://doi.org/10.1115/1.3644020),
+
+    a³(t) = (3R/4) Σ ΔF_i J*(t − t_i),     δ = a²/R,
+
+where the bundled simulator marches springs through exponential memory.
+"""
 
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -7,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from instruments import keyence
-from pipelines.rig.laser_sensor import LaserSensor
-from pipelines.rig.reference_static import reference_static
-from pipelines.rig.session_text import from_dma, from_library, write_truth
-from pipelines.rig.solids import SAPPHIRE, Truth, solid_of, specimen_of, truth_of_solid
+from labpipe.arrays import Floats
+from pipelines.rig.fall import LaserSensor
+from pipelines.rig.session_text import from_dma, from_library, section, write_truth
+from pipelines.rig.solids import SAPPHIRE, Truth, Viscoelastic, solid_of, specimen_of, truth_of_solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +43,22 @@ class StaticRig:
     drift: float = 0.1e-6
     touched: float = 4e-6
     disc: float = SAPPHIRE
+
+
+def reference_static(
+    solid: Viscoelastic, *, radius: float, load_times: Floats, loads: Floats, time: Floats, disc: float = 0.0
+) -> Floats:
+    """Approach (n,) [m] of a sphere on a flat under loads that are only added to; 0 before the first load.
+
+    ``load_times`` and ``loads`` (load,) [s], [N] say when each load begins, and its whole force; ``disc`` [1/Pa] is the
+    compliance (1 − ν²)/E of the flat, 0 for a rigid one.
+    """
+    compliance = np.zeros(time.size)
+    for begin, step in zip(load_times, np.diff(loads, prepend=0.0), strict=True):
+        after = time > begin
+        compliance[after] += step * ((1 - solid.nu**2) * solid.creep(time[after] - begin) + disc)
+    cube = 0.75 * radius * compliance
+    return np.asarray(cube ** (2 / 3) / radius)
 
 
 def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed: int, start: datetime) -> str:
@@ -75,21 +99,5 @@ def record_static(folder: Path, name: str, start: datetime, rig: StaticRig | Non
 
 def static_section(name: str, file: str, rig: StaticRig, material: str, source: str = "") -> str:
     """Return the tables of a static loading in session.toml."""
-    loads = "".join(
-        f'  {{ mass = "{mass:g} ± 0.0005 kg", time = "{begin / 60:.2f} min" }},\n'
-        for mass, begin in zip(rig.masses, rig.times, strict=True)
-    )
-    return f"""
-[experiments.{name}]
-kind = "static_loading"
-laser = "{file}"
-calibration = "calibration/laser.toml"
-loads = [
-{loads}]
-
-[experiments.{name}.sphere]
-radius = "{rig.radius * 1e3:g} ± 0.005 mm"
-{source or from_library(material)}
-[experiments.{name}.steps]
-drift = "{rig.drift * 1e6:g} um"
-"""
+    given = {"radius": rig.radius, "drift": rig.drift, "loads": list(zip(rig.masses, rig.times, strict=True))}
+    return section("static_loading", name=name, file=file, source=source or from_library(material), **given)

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from pipelines.sweeps.grid import Design as Design, design as design
-    from pipelines.sweeps.run import Swept as Swept, run_design as run_design, sweep as sweep
+    from pipelines.sweeps.run import Swept as Swept, sweep as sweep
 else:
     __getattr__ = lazily(__name__)

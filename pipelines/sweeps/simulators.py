@@ -4,19 +4,26 @@ They take plain values in SI and return plain floats, so that a point means the 
 and on another machine.
 """
 
+import itertools
 import json
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from math import prod
+from operator import itemgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from labpipe.materials import Prony
 
 _PER_CYCLE = 200  # samples of an oscillation
+DRAW = "draw"  # name of the dimension of random draws
+_STATE = ("temperature", "vertical_shift")  # of a material
 
 Value = float | str | None
 """None: the parameter is not there."""
-Point = Mapping[str, Value]
+Point = Mapping[str, Any]
 Outputs = dict[str, float]
 
 
@@ -25,8 +32,8 @@ class Parameter:
     """A parameter: SI unit ("" for a name), default as it is written, and meaning."""
 
     unit: str
-    default: str | float | None
-    text: str
+    default: str | float | None = None
+    text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,24 +45,48 @@ class Simulator:
     outputs: dict[str, tuple[str, str]]
 
 
-_MATERIAL = {
-    "temperature": Parameter("degC", None, "of the material, by its shift law; without it, that of its data"),
-    "vertical_shift": Parameter("1", "1", "factor b_T on all moduli at that temperature"),
-}
-_LIBRARY = "library name or TOML file"
+@dataclass(frozen=True, slots=True)
+class Design:
+    """All points of a sweep.
+
+    ``axes``: values in SI by parameter, whose product is the grid, the first varies slowest; ``fixed``: every other
+    parameter; ``drawn``: parameters with a standard uncertainty, one value per draw. The draws are the same at every
+    point of the grid, so that differences over the grid are not noise.
+    """
+
+    simulator: str
+    axes: dict[str, tuple[Value, ...]]
+    fixed: dict[str, Value]
+    drawn: dict[str, tuple[float, ...]]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Points along each dimension, draws last."""
+        draws = [(DRAW, len(values)) for values in self.drawn.values()]
+        return {name: len(values) for name, values in self.axes.items()} | dict(draws)
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return prod(self.sizes.values())
+
+    def points(self, numbers: range) -> list[dict[str, Value]]:
+        """All parameters of some points, by their numbers in the order of the flattened grid."""
+        import numpy as np
+
+        found = [dict(self.fixed) for _ in numbers]
+        places = zip(*np.unravel_index(numbers, tuple(self.sizes.values())), strict=True) if self.sizes else ()
+        for point, place in zip(found, places, strict=False):
+            point |= {name: values[i] for (name, values), i in zip(self.axes.items(), place, strict=False)}
+            point |= {name: values[place[-1]] for name, values in self.drawn.items()}
+        return found
 
 
 def _solid(point: Point) -> "Prony":
     """Return the material of a point, at its temperature."""
     from pipelines.simulator_inputs import material
 
-    temperature, shift = (None if (given := point[n]) is None else float(given) for n in list(_MATERIAL))
-    return material(str(point["material"]), temperature, 1.0 if shift is None else shift)
-
-
-def _numbers(point: Point) -> dict[str, float]:
-    """Return the parameters of a point that are numbers."""
-    return {name: float(v) for name, v in point.items() if isinstance(v, int | float)}
+    return material(point["material"], *(point[name] for name in _STATE))
 
 
 def drops(points: Sequence[Point]) -> list[Outputs]:
@@ -64,31 +95,26 @@ def drops(points: Sequence[Point]) -> list[Outputs]:
 
     from labpipe import contact
 
-    found: list[Outputs] = [{} for _ in points]
-    numbers, solids = [_numbers(point) for point in points], dict[tuple[Value, ...], "Prony"]()
-    keys = [tuple(point[name] for name in ("material", *_MATERIAL)) for point in points]
-    for key, point in zip(keys, points, strict=True):
-        solids[key] = solids.get(key) or _solid(point)
-    for rtol in {one["rtol"] for one in numbers}:
-        places = [i for i, one in enumerate(numbers) if one["rtol"] == rtol]
-        given = [numbers[i] for i in places]
-        plates = [
-            contact.Plate(n["plate_mass"], n["plate_frequency"], n["plate_damping"]) if n["plate_mass"] > 0.0 else None
-            for n in given
-        ]
-        duration = [float(np.sqrt(2.0 * n["height"] / n["gravity"])) + n["after_touch"] for n in given]
-        radius, mass, height, gravity = ([n[name] for n in given] for name in ("radius", "mass", "height", "gravity"))
-        own = [solids[keys[i]] for i in places]
-        made = contact.impacts(own, radius, mass, height, duration, rtol=rtol, gravity=gravity, plate=plates)
-        for number, happened in zip(given, made["impacts"].values.tolist(), strict=True):
-            if not happened:
-                after = number["after_touch"]
-                raise ValueError(f"the sphere has not left within {after:g} s after its fall; raise after_touch")
-        names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
-        columns = {name: made[name].values[:, 0].tolist() for name in names}
-        columns["solver_steps"] = made["solver_steps"].values.astype(float).tolist()
-        for place, i in enumerate(places):
-            found[i] = {name: values[place] for name, values in columns.items()}
+    found: list[Outputs] = []
+    material = itemgetter("material", *_STATE)
+    solids = {key: _solid(point) for key, point in {material(point): point for point in points}.items()}
+    for rtol, group in itertools.groupby(points, key=itemgetter("rtol")):
+        some = list(group)
+        of = {name: [point[name] for point in some] for name in some[0]}
+        plates = zip(of["plate_mass"], of["plate_frequency"], of["plate_damping"], strict=True)
+        falls = zip(of["height"], of["gravity"], of["after_touch"], strict=True)
+        made = contact.impacts(
+            [solids[material(point)] for point in some],
+            *(of[name] for name in ("radius", "mass", "height")),
+            [float(np.sqrt(2.0 * height / gravity)) + after for height, gravity, after in falls],
+            rtol=rtol,
+            gravity=of["gravity"],
+            plate=[contact.Plate(*plate) if plate[0] > 0.0 else None for plate in plates],
+        )
+        for i in np.flatnonzero(made["impacts"].values == 0):
+            raise ValueError(f"the sphere has not left within {of['after_touch'][i]:g} s; raise after_touch")
+        columns = [(name, made[name].values.reshape(len(some), -1)) for name in SIMULATORS["drop"].outputs]
+        found += [{name: float(values[i, 0]) for name, values in columns} for i in range(len(some))]
     return found
 
 
@@ -101,15 +127,12 @@ def indents(points: Sequence[Point]) -> list[Outputs]:
 
     found: list[Outputs] = []
     for point in points:
-        number = _numbers(point)
-        mean, amplitude, frequency = number["mean"], number["amplitude"], number["frequency"]
-        cycles, form = round(number["cycles"]), {"hold": number["hold"], "ramp": number["ramp"]}
-        time, displacement = ramp_hold_oscillation(mean, amplitude, frequency, cycles, **form, per_cycle=_PER_CYCLE)
-        tip_radius, period, depth = number["tip_radius"], number["period"], number["depth"]
-        profile = str(point["profile"])
-        made = contact.indent(_solid(point), tip_radius, period, depth, time, displacement, profile=profile)
-        force = made["force"].values
-        last = slice(time.size - _PER_CYCLE - 1, None)
+        moves = {name: point[name] for name in ("mean", "amplitude", "frequency", "hold", "ramp")}
+        cycles = round(point["cycles"])
+        time, displacement = ramp_hold_oscillation(cycles=cycles, per_cycle=_PER_CYCLE, **moves)
+        punch = {name: point[name] for name in ("tip_radius", "period", "depth", "profile")}
+        made = contact.indent(_solid(point), time=time, displacement=displacement, **punch)
+        force, last = made["force"].values, slice(time.size - _PER_CYCLE - 1, None)
         outputs = {
             "peak_force": force.max(),
             "plateau_force": force[-_PER_CYCLE * cycles - 1],
@@ -121,53 +144,9 @@ def indents(points: Sequence[Point]) -> list[Outputs]:
     return found
 
 
+_READ = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 SIMULATORS = {
-    "drop": Simulator(
-        drops,
-        {
-            "material": Parameter("", "acrylic", _LIBRARY),
-            **_MATERIAL,
-            "radius": Parameter("m", "9.525 mm", "of the sphere"),
-            "mass": Parameter("kg", "505 g", "total moving mass"),
-            "height": Parameter("m", "1.5 mm", "drop height, from release to first touch"),
-            "gravity": Parameter("m/s2", "9.81 m/s2", "of the place"),
-            "after_touch": Parameter("s", "20 ms", "simulated after the fall"),
-            "plate_mass": Parameter("kg", "0 kg", "of a ringing substrate; 0 for a rigid one"),
-            "plate_frequency": Parameter("Hz", "390 Hz", "natural frequency of the substrate"),
-            "plate_damping": Parameter("1", "0.03", "damping ratio of the substrate"),
-            "rtol": Parameter("1", "1e-4", "relative error aimed at"),
-        },
-        {
-            "restitution": ("1", "Restitution of the first impact"),
-            "peak_force": ("N", "Largest force of the first impact"),
-            "peak_contact_radius": ("m", "Largest contact radius of the first impact"),
-            "contact_duration": ("s", "Duration of the first contact"),
-            "solver_steps": ("1", "Steps of the simulator"),
-        },
-    ),
-    "indent": Simulator(
-        indents,
-        {
-            "material": Parameter("", "nbr", _LIBRARY),
-            **_MATERIAL,
-            "tip_radius": Parameter("m", "2 mm", "of curvature"),
-            "period": Parameter("m", "8 mm", "distance of two tips"),
-            "depth": Parameter("m", "18 mm", "contact length summed over the tips"),
-            "mean": Parameter("m", "0.1 mm", "mean indentation"),
-            "amplitude": Parameter("m", "0.01 mm", "of the oscillation"),
-            "frequency": Parameter("Hz", "1 Hz", "of the oscillation"),
-            "cycles": Parameter("1", "5", "whole cycles; the last one is evaluated"),
-            "hold": Parameter("s", "600 s", "before the oscillation"),
-            "ramp": Parameter("m/s", "1 mm/s", "speed of pressing in"),
-            "profile": Parameter("", "circle", "parabola, circle or cosine"),
-        },
-        {
-            "peak_force": ("N", "Largest force"),
-            "plateau_force": ("N", "Force at the end of the hold"),
-            "dissipated_work": ("J", "Work dissipated in the last cycle"),
-            "least_half_width": ("m", "Smallest contact half width of the last cycle"),
-            "solver_steps": ("1", "Steps of the simulator"),
-        },
-    ),
+    name: Simulator(run, {n: Parameter(**p) for n, p in _READ[name]["parameters"].items()}, _READ[name]["outputs"])
+    for name, run in {"drop": drops, "indent": indents}.items()
 }
 """Keys as ``labpipe sweep`` and ``labpipe simulate`` name them."""

@@ -11,11 +11,11 @@ from labpipe import files
 from labpipe.arrays import Floats
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.plate import PLATE_RIG
-from pipelines.rig.plate_session import write_plate
 from pipelines.rig.samples import session_head, sweeps
 from pipelines.rig.session_text import from_dma, plate_laser_record
 from tests.mistakes.drop_rows import Mistake
 from tests.mistakes.recordings import Edit, cells, header, setting, values
+from tests.pipelines.small import write_plate
 
 ACRYLIC, PTFE = "laser_plate/plate_acrylic_1p5mm_1.csv", "laser_plate/plate_ptfe_5mm_1.csv"
 ALL = (ACRYLIC, "laser_plate/plate_acrylic_5mm_1.csv", "laser_plate/plate_ptfe_1p5mm_1.csv", PTFE)

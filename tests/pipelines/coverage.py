@@ -39,15 +39,13 @@ from pipelines.experiments.static_loading import load_steps, measured as static_
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import Body, DropRig
+from pipelines.rig.fall import Body, DropRig, LaserSensor
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import Bursts, burst_times, front_section, under_section, write_front, write_under
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
-from pipelines.rig.laser_sensor import LaserSensor
-from pipelines.rig.plate import PLATE_RIG, write_ringing
-from pipelines.rig.plate_session import plate_section
+from pipelines.rig.plate import PLATE_RIG, plate_section, write_ringing
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import (

@@ -26,13 +26,11 @@ from pipelines.experiments import KINDS
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import write_dma
 from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import Body, DropRig
+from pipelines.rig.fall import Body, DropRig, LaserSensor
 from pipelines.rig.film_session import Bursts, burst_times, under_section, write_under
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen, write_harmonic
-from pipelines.rig.laser_sensor import LaserSensor
-from pipelines.rig.plate import PLATE_RIG
-from pipelines.rig.plate_session import plate_section, write_ringing_of
+from pipelines.rig.plate import PLATE_RIG, plate_section, write_ringing_of
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, write_relaxation
 from pipelines.rig.samples import STATED_FLOOR

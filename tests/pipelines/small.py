@@ -1,6 +1,7 @@
 """The small synthetic session that the tests of the pipelines share."""
 
-from datetime import datetime
+from collections.abc import Sequence
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from labpipe import files, materials
@@ -9,6 +10,7 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.plate import plate_section, write_ringing_of
 from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
 
 START = datetime(2024, 5, 14, 9, 30)
@@ -25,3 +27,16 @@ def write_small(folder: Path) -> Path:
     text = session_head("Small (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic", STATED_FLOOR)
     files.write_text(folder / "session.toml", text + oscillation_section("nbr", specimen, is_calibrated=False))
     return folder
+
+
+def write_plate(
+    folder: Path, rig: DropRig, names: Sequence[str], heights: Sequence[float], repeats: int, start: datetime
+) -> str:
+    """Record the plate under drops from heights [m]; returns its section, which needs the DMA of the solids."""
+    drops = []
+    for number, material in enumerate(names):
+        for place, height in enumerate(heights):
+            begun = start + timedelta(minutes=20 * (number * len(heights) + place))
+            seed = 90_000 + 1000 * sum(map(ord, material)) + 100 * place
+            drops.append(write_ringing_of(folder, rig, material, height, repeats, seed, begun))
+    return plate_section(drops)

@@ -13,12 +13,11 @@ from click.testing import CliRunner
 
 from labpipe import contact, files, materials
 from labpipe.errors import InputError, UsageError
-from labpipe.workflow.engines import choose, side_by_side
+from labpipe.workflow.engines import side_by_side
 from pipelines.commands.simulate import sweep as command
-from pipelines.sweeps import Design, design, run as run_module, run_design
-from pipelines.sweeps.page import render
-from pipelines.sweeps.run import Outcome
-from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
+from pipelines.sweeps import run as run_module, sweep
+from pipelines.sweeps.run import Outcome, design
+from pipelines.sweeps.simulators import SIMULATORS, Design, Parameter, Simulator, Value
 
 
 def _toy(point: Mapping[str, Value]) -> dict[str, float]:
@@ -35,24 +34,24 @@ def _toys(points: Sequence[Mapping[str, Value]]) -> list[dict[str, float]]:
 TOY = Simulator(
     _toys,
     {
-        "material": Parameter("", "acrylic", ""),
-        "temperature": Parameter("degC", None, ""),
-        "marker": Parameter("", "", ""),
-        "x": Parameter("1", 1.0, ""),
-        "y": Parameter("1", 2.0, ""),
+        "material": Parameter("", "acrylic"),
+        "temperature": Parameter("degC"),
+        "marker": Parameter("", ""),
+        "x": Parameter("1", 1.0),
+        "y": Parameter("1", 2.0),
     },
     {"sum": ("1", "Sum"), "product": ("1", "Product")},
 )
 
 
-def deadly(plan: Design, start: int, stop: int) -> list[Outcome]:
+def deadly(plan: Design, numbers: range) -> list[Outcome]:
     """Kill the worker: once at x = 7, always at x = 13."""
-    for point in plan.points(start, stop):
+    for point in plan.points(numbers):
         marker = Path(str(point["marker"]))
         if point["x"] == 13.0 or (point["x"] == 7.0 and marker.exists()):
             marker.unlink(missing_ok=True)
             os.kill(os.getpid(), signal.SIGKILL)
-    return [_toy(point) for point in plan.points(start, stop)]
+    return [_toy(point) for point in plan.points(numbers)]
 
 
 @pytest.fixture
@@ -116,8 +115,8 @@ def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
 
 
 def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None:
-    plan = design("drop", {"material": "acrylic, ptfe", "height": "1.5 mm, 5 mm"}, {"mass": "28.2 g"})
-    swept = run_design(plan, tmp_path / "map.nc")
+    vary = {"material": "acrylic, ptfe", "height": "1.5 mm, 5 mm"}
+    swept = sweep("drop", tmp_path / "map.nc", vary=vary, fixed={"mass": "28.2 g"})
     assert swept.dataset.restitution.dims == ("material", "height")
     point = swept.dataset.sel(material="ptfe", height=5e-3)
     alone = contact.drop(materials.load("ptfe"), 9.525e-3, 28.2e-3, 5e-3, 0.052)
@@ -129,9 +128,7 @@ def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None
 
 
 def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
-    """Rubber loses more in a swing at a higher frequency of its transition; glass loses little."""
-    plan = design("indent", {"amplitude": "2 um, 4 um"}, {"hold": "10 s"})
-    found = run_design(plan, tmp_path / "work.nc").dataset
+    found = sweep("indent", tmp_path / "work.nc", vary={"amplitude": "2 um, 4 um"}, fixed={"hold": "10 s"}).dataset
     work = found.dissipated_work.values
     assert work[1] / work[0] == pytest.approx(4.0, rel=0.05)  # quadratic while contact holds
     assert (found.least_half_width > 0.0).all()
@@ -140,16 +137,16 @@ def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
 def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(
     toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = design("toy", {"x": "1:40:40", "y": "1:3:3"})
-    whole = run_design(plan, tmp_path / "whole.nc")
+    vary = {"x": "1:40:40", "y": "1:3:3"}
+    whole = sweep("toy", tmp_path / "whole.nc", vary=vary)
     Counting(monkeypatch, stop_after=2)
     with pytest.raises(KeyboardInterrupt):
-        run_design(plan, tmp_path / "part.nc")
+        sweep("toy", tmp_path / "part.nc", vary=vary)
     assert not (tmp_path / "part.nc").exists()
     damaged = sorted((tmp_path / "part.parts").iterdir())[0]
     damaged.write_bytes(damaged.read_bytes()[:-9])
     counting = Counting(monkeypatch)
-    rest = run_design(plan, tmp_path / "part.nc")
+    rest = sweep("toy", tmp_path / "part.nc", vary=vary)
     assert (rest.reused, rest.computed, counting.points) == (25, 95, 95)
     assert (tmp_path / "part.nc").read_bytes() == (tmp_path / "whole.nc").read_bytes()
     np.testing.assert_array_equal(whole.dataset["product"].values, np.outer(np.arange(1, 41), [1.0, 2.0, 3.0]))
@@ -159,21 +156,20 @@ def test_failed_points_are_told_kept_apart_and_tried_again(
     toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_module, "BLOCK", 2)
-    plan = design("toy", {"x": "-1, 1, 2, 3"})
-    swept = run_design(plan, tmp_path / "map.nc")
+    swept = sweep("toy", tmp_path / "map.nc", vary={"x": "-1, 1, 2, 3"})
     assert swept.failed == 1
     assert np.isnan(swept.dataset["sum"].values[0])
     assert "x is negative" in str(swept.dataset["problem"].values[0])
-    page = render(plan, swept.dataset, "map.nc")
+    page = swept.page.read_text("utf-8")
     assert "1 points have no result" in page
     assert "x is negative" in page
-    again = run_design(plan, tmp_path / "map.nc")
+    again = sweep("toy", tmp_path / "map.nc", vary={"x": "-1, 1, 2, 3"})
     assert (again.computed, again.reused) == (2, 2)  # the block of the failed point
 
 
 def test_draws_are_the_same_at_every_point_of_the_grid(toy: None, tmp_path: Path) -> None:
-    plan = design("toy", {"x": "1, 2"}, {"y": "5 ± 0.5"}, draws=400, seed=3)
-    found = run_design(plan, tmp_path / "map.nc").dataset
+    given: Any = {"vary": {"x": "1, 2"}, "fixed": {"y": "5 ± 0.5"}, "draws": 400, "seed": 3}
+    found = sweep("toy", tmp_path / "map.nc", **given).dataset
     assert found["sum"].dims == ("x", "draw")
     np.testing.assert_allclose(found["sum"][1] - found["sum"][0], 1.0)
     assert float(found.y.mean()) == pytest.approx(5.0, abs=0.1)
@@ -187,8 +183,8 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     marker.touch()
     monkeypatch.setattr(run_module, "COMPUTE", f"{__name__}:deadly")
     monkeypatch.setattr(run_module, "BLOCK", 2)
-    plan = design("toy", {"x": "1:20:20"}, {"marker": str(marker)})
-    found = run_design(plan, tmp_path / "map.nc", choose(2)).dataset
+    fixed = {"marker": str(marker)}
+    found = sweep("toy", tmp_path / "map.nc", vary={"x": "1:20:20"}, fixed=fixed, jobs=2).dataset
     assert not marker.exists()
     lost = [number for number, text in enumerate(found["problem"].values) if "was the memory full" in str(text)]
     assert list(found["x"].values[lost]) == [13.0, 14.0]
@@ -200,30 +196,28 @@ def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> N
     from importlib import resources
 
     library = resources.files("labpipe.materials") / "library"
-    own = tmp_path / "own.toml"
-    own.write_text((library / "acrylic.toml").read_text("utf-8"), "utf-8")
-    plan = design("drop", {}, {"material": str(own), "rtol": "0.001"})
-    first = run_design(plan, tmp_path / "map.nc").dataset
-    own.write_text((library / "ptfe.toml").read_text("utf-8"), "utf-8")
-    second = run_design(plan, tmp_path / "map.nc").dataset
-    assert float(first.restitution) - float(second.restitution) > 0.05
+    own, found = tmp_path / "own.toml", []
+    for name in ("acrylic", "ptfe"):
+        own.write_text((library / f"{name}.toml").read_text("utf-8"), "utf-8")
+        swept = sweep("drop", tmp_path / "map.nc", fixed={"material": str(own), "rtol": "0.001"})
+        found.append(float(swept.dataset.restitution))
+    assert found[0] - found[1] > 0.05
 
 
 @pytest.mark.parametrize(("swept", "rises"), [("vertical_shift = 1, 1.5", 1), ("temperature = 20 degC, 60 degC", -1)])
 def test_the_state_of_a_material_can_be_mapped(swept: str, rises: int, tmp_path: Path) -> None:
     name, values = swept.split(" = ")
-    found = run_design(design("drop", {name: values}, {"rtol": "1e-3"}), tmp_path / "map.nc")
+    found = sweep("drop", tmp_path / "map.nc", vary={name: values}, fixed={"rtol": "1e-3"})
     assert found.failed == 0
     assert np.sign(np.diff(found.dataset["peak_force"].values)) == rises
 
 
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:
-    plan = design(
-        "drop", {"material": "acrylic, ptfe", "height": "1 mm : 3 mm : 3"}, {"radius": "9.5 ± 0.1 mm"}, draws=4
-    )
-    whole = plan.points()
+    vary, fixed = {"material": "acrylic, ptfe", "height": "1 mm : 3 mm : 3"}, {"radius": "9.5 ± 0.1 mm"}
+    plan = design("drop", vary, fixed, draws=4)
+    whole = plan.points(range(plan.count))
     assert len(whole) == plan.count == 24
-    assert plan.points(5, 17) == whole[5:17]
+    assert plan.points(range(5, 17)) == whole[5:17]
     assert [p["material"] for p in whole[:13]] == ["acrylic"] * 12 + ["ptfe"]
     assert [p["height"] for p in whole[:9]] == [0.001] * 4 + [0.002] * 4 + [0.003]
     assert whole[3]["radius"] == whole[7]["radius"] != whole[4]["radius"]
@@ -232,19 +226,19 @@ def test_points_of_any_stretch_are_those_of_the_whole() -> None:
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
-    plan = design("drop", {"height": "1 mm : 3 mm : 200"}, {"rtol": "0.001"})
-    run_design(plan, tmp_path / "one.nc")
+    given: Any = {"vary": {"height": "1 mm : 3 mm : 200"}, "fixed": {"rtol": "0.001"}}
+    sweep("drop", tmp_path / "one.nc", **given)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
-        engine = choose(0, cluster.scheduler_address)
 
         def kill_one(done: float) -> None:
             if 0.1 < done < 0.3:
                 worker = next(iter(cluster.workers.values()))
                 os.kill(worker.pid, signal.SIGKILL)
 
-        swept = run_design(plan, tmp_path / "many.nc", engine, progress=kill_one)
+        address = cluster.scheduler_address
+        swept = sweep("drop", tmp_path / "many.nc", jobs=1, cluster=address, progress=kill_one, **given)
     assert swept.failed == 0
     assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "many.nc").read_bytes()
 

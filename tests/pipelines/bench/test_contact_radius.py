@@ -41,15 +41,10 @@ def test_rows_reach_the_bound_and_beat_the_edge() -> None:
 SCENE = bench.Scene(rows=240, columns=320, radius=200e-6, centre=(158.3, 121.2))
 DISTURBED = {  # the scene, and the largest root-mean-square error (µm); what is determined less well has more
     "ideal": (SCENE, 0.02),
-    "radius moves 10 µm in the exposure": (replace(SCENE, travel=10e-6), 0.02),
     "radius moves 20 µm in the exposure": (replace(SCENE, travel=20e-6), 0.1),
-    "blur of 1 px": (replace(SCENE, blur=1.0), 0.02),
     "blur of 5 px": (replace(SCENE, blur=5.0), 0.2),
-    "light ± 30 % from side to side": (replace(SCENE, slope=0.3), 0.02),
     "sphere 2 % larger than stated": (replace(SCENE, sphere=1.02 * SCENE.sphere), 0.02),
-    "ellipse, 1.5 %": (replace(SCENE, stretch=0.015), 0.02),
     "centre at the border": (replace(SCENE, centre=(SCENE.centre[0], 2.4)), 0.02),
-    "phase of 2.4 rad": (replace(SCENE, phase=2.4), 0.02),
     "wavelength stated as 532 nm": (SCENE, 0.02),
     "many beams, faces that reflect 30 %": (replace(SCENE, beams=0.3), 0.02),
     "sphere worn flat, 120 µm": (replace(SCENE, flat=120e-6), 0.02),

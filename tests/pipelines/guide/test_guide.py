@@ -1,26 +1,25 @@
 """The guide: its references name everything that there is, and its links lead somewhere."""
 
 import re
-import sys
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.errors import InputError, SourceError
 from pipelines.cli import COMMANDS
 from pipelines.experiments import KINDS
-from pipelines.guide import PICTURES, pages, reference
+from pipelines.guide import PICTURES, pages
 from pipelines.guide.__main__ import build, of_reports, replay, same_words
-from pipelines.guide.pages import linked
+from pipelines.guide.pages import linked, tables, texts
 from tests.labpipe.report.conftest import CHROMIUM, NO_BROWSER, Browser
 
 
 def test_every_field_of_every_kind_is_in_the_reference() -> None:
-    text = reference.settings()
+    text = texts()["settings"]
     for kind in KINDS.values():
         part = text.partition(f'kind = "{kind.name}"')[2].partition("\n## ")[0]
-        for path, table in reference.tables("", kind.settings):
+        for path, table in tables("", kind.settings):
             assert not path or f"### `{path}` in" in part
             for field in msgspec.structs.fields(table):
                 assert field.name == "kind" or f"| `{field.name}` |" in part, (kind.name, path, field.name)
@@ -33,7 +32,7 @@ def test_every_field_of_every_kind_is_in_the_reference() -> None:
 
 
 def test_every_command_is_in_the_reference_one_level_below_its_parent() -> None:
-    text = reference.commands()
+    text = texts()["commands"]
     heads = re.findall(r"^(#+) `labpipe ([^`]+)`$", text, re.MULTILINE)
     assert {*COMMANDS, "simulate drop"} <= {path for _, path in heads}
     assert all(len(marks) == 1 + len(path.split()) for marks, path in heads)
@@ -70,12 +69,6 @@ def test_the_gallery_has_a_picture_of_one_report_of_each_kind(processed_session:
     drawn = {path.stem.removeprefix("gallery-") for path in tmp_path.iterdir()}
     assert len(drawn) > 1
     assert drawn <= set(KINDS)
-
-
-def test_without_sphinx_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sphinx.application", None)
-    with pytest.raises(UsageError, match=r"pip install 'labpipe\[guide\]'"):
-        build(tmp_path / "site")
 
 
 def test_the_installed_guide_is_small_whole_and_leads_nowhere_else() -> None:

@@ -1,100 +1,29 @@
-"""The campaign's plan: what it records, and that every figure finds what it needs in it."""
+"""The campaign's plan: the experiments of the thesis, and a rig that a seed draws."""
 
-import tomllib
+from collections import Counter
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labpipe import files
 from labpipe.errors import UsageError
-from pipelines.figures import FIGURES, make
-from pipelines.rig import campaign, dma, plate_session, session_text, static_loading
-from pipelines.rig.indentation_session import oscillation_section, relaxation_section
-from pipelines.rig.indentations import Specimen
+from pipelines.rig import campaign
 from pipelines.rig.samples import write_sample
-from pipelines.session import open_session
-
-START = datetime(2024, 5, 14, 9, 30)
 
 
-def touched(folder: Path, *names: str) -> list[str]:
-    for name in names:
-        files.write_text(folder / name, name)
-    return list(names)
-
-
-@pytest.fixture
-def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The campaign's session.toml over empty recordings; nothing is simulated."""
-
-    def drops(folder: Path, name: str, *rest: object) -> list[str]:
-        count = rest[3]
-        assert isinstance(count, int)
-        return touched(folder, *(f"laser/{name}_{i}.csv" for i in range(count)))
-
-    def ringing(folder: Path, stem: str, *rest: object) -> list[str]:
-        return touched(folder, f"laser_plate/{stem}.csv")
-
-    def one(pattern: str) -> object:
-        return lambda folder, name, *rest: touched(folder, pattern.format(name))[0]
-
-    def rubber(folder: Path, *rest: object) -> str:
-        specimen = Specimen.__new__(Specimen)  # its sections need the shape alone
-        for field, value in (("tip_radius", 2e-3), ("period", 8e-3), ("depth", 6e-3), ("tips", 3)):
-            object.__setattr__(specimen, field, value)
-        names = touched(folder, "mach1/nbr_relaxation.txt", "mach1/nbr_harmonic.txt")
-        touched(folder, "calibration/load_cell.toml")
-        text = relaxation_section("nbr_relaxation", names[:1], specimen)
-        return text + oscillation_section("nbr_harmonic", specimen)
-
-    monkeypatch.setattr(campaign, "write_drops", drops)
-    monkeypatch.setattr(plate_session, "write_ringing", ringing)
-    monkeypatch.setattr(campaign, "write_under", one("film/{}.cine"))
-    monkeypatch.setattr(campaign, "write_front", one("film/{}_front.cine"))
-    monkeypatch.setattr(static_loading, "write_static", one("laser/{}.csv"))
-    monkeypatch.setattr(dma, "write_dma", one("dma/{}.csv"))
-    monkeypatch.setattr(campaign, "write_indentations", rubber)
-    monkeypatch.setattr(campaign, "burst_times", lambda *rest: None)
-    parts = campaign._parts(tmp_path, START, campaign.THESIS)
-    sections = [part.write() for part in parts]
-    session_text.write_session(tmp_path, "Campaign", campaign.joined(sections))
-    names = [name for part in parts for name in part.names]
-    assert set(names) | {"plate"} == set(tomllib.loads((tmp_path / "session.toml").read_text("utf-8"))["experiments"])
-    return tmp_path
-
-
-def test_the_campaign_holds_what_the_thesis_did(session: Path) -> None:
-    found = open_session(session)
-    assert found.synthetic
-    count: dict[str, int] = {}
-    for experiment in found.experiments.values():
-        count[experiment.kind] = count.get(experiment.kind, 0) + 1
-    assert count == {
-        "ball_drop": 17,
-        "contact_area": 5,
-        "dic_validation": 1,
-        "dma": 5,
-        "harmonic": 1,
-        "plate_vibration": 1,
-        "relaxation": 1,
-        "static_loading": 1,
-    }
-    drops = [e for e in found.experiments.values() if e.kind == "ball_drop"]
-    assert {len(e.settings.laser) for e in drops} == {5}
-    assert len(found.experiments["plate"].settings.drops) == 16
-
-
-def test_every_regenerable_figure_can_be_drawn_from_it(session: Path, tmp_path: Path) -> None:
-    shelf = make.Shelf.of(tmp_path / "figures", session)
-    states = {s.figure.id: s for s in make.states(shelf, FIGURES)}
-    not_ready = {name for name, s in states.items() if s.state != make.READY}
-    assert not_ready == {"2.1", "2.2", "3.1", "3.2", "B.1a"}
-    heated = "acrylic_10mm_39C"
-    assert heated not in states["3.10"].experiments
-    assert f"{heated}_film" not in states["3.15"].experiments
-    assert {f"{heated}_film", "acrylic_10mm_film"} <= set(states["3.16"].experiments)
+def test_the_campaign_holds_what_the_thesis_did(tmp_path: Path) -> None:
+    parts = campaign._parts(tmp_path, datetime(2024, 5, 14), campaign.THESIS)
+    count = Counter(name for names, _ in parts for name in names)
+    assert count.pop("plate") == 16  # four materials, four heights
+    assert set(count.values()) == {1}
+    heights = ("1p5mm", "5mm", "7mm", "10mm")
+    drops = {f"{material}_{height}" for material in campaign.POLYMERS for height in heights}
+    films = {f"acrylic_{height}_film" for height in (*heights, "10mm_39C")}
+    sweeps = {f"{material}_dma" for material in ("nbr", *campaign.POLYMERS)}
+    others = {"acrylic_10mm_39C", "ptfe_film", "ptfe_static", "nbr_relaxation", "nbr_harmonic"}
+    assert set(count) == drops | films | sweeps | others
+    assert (campaign.THESIS.repeats, campaign.THESIS.plate_repeats) == (5, 3)
 
 
 def test_a_seed_draws_the_rig_within_what_the_session_states() -> None:

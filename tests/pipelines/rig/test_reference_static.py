@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe import contact, materials
-from pipelines.rig.reference_static import reference_static
 from pipelines.rig.solids import Element, Viscoelastic, solid_of
+from pipelines.rig.static_loading import reference_static
 
 
 def test_the_compliance_of_the_standard_linear_solid() -> None:
@@ -16,14 +16,6 @@ def test_the_compliance_of_the_standard_linear_solid() -> None:
     known = 1 / relaxed - (1 / relaxed - 1 / unrelaxed) * np.exp(-time * relaxed / unrelaxed / rho)
     found = Viscoelastic((Element(branch, rho),), relaxed, 0.3).creep(time)
     np.testing.assert_allclose(found, known, rtol=1e-10)
-
-
-@pytest.mark.parametrize("name", ["ptfe", "acrylic", "nbr"])
-def test_the_compliance_is_that_of_exact_interconversion(name: str) -> None:
-    solid = materials.load(name)
-    time = np.geomspace(1e-3, 1e4, 60)
-    found = solid_of(solid).creep(time)
-    np.testing.assert_allclose(found, solid.creep(time), rtol=1e-9)
 
 
 @pytest.mark.parametrize("flat", [None, (5e9, 0.2)])

@@ -16,12 +16,11 @@ from pipelines.rig.campaign import SMALL
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.plate_session import write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
 from pipelines.rig.session_text import from_dma, plate_laser_record
 from pipelines.session import open_session, process, result
 from tests.pipelines.budgets import quantities
-from tests.pipelines.small import START
+from tests.pipelines.small import START, write_plate
 
 NAMES = ("acrylic", "ptfe")
 PTFE = "laser_plate/plate_ptfe_5mm"
