@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 
 from labpipe.errors import ConfigError, InputError
-from labpipe.workflow.fields import REFERENCE, fields_of, split, suggest, tables_of
+from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, split, suggest, tables_of
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 
 FILE = "file:"
@@ -222,30 +222,31 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
     circle, or to a stage that is not there.
     """
     plans: dict[str, tuple[Stage, ...]] = {}
-    needs: dict[str, dict[str, str]] = {}
     for experiment in session.experiments.values():
         if experiment.kind not in stages:
             raise InputError(f'no stages are known for the kind "{experiment.kind}"')
         if experiment.kind not in plans:
             plans[experiment.kind] = ordered(stages[experiment.kind], type(experiment.settings))
+    tasks: dict[str, list[Task]] = {name: [] for name in session.experiments}
+    needs: dict[str, set[str]] = {}
+    for name, experiment in session.experiments.items():
+        for stage in plans[experiment.kind]:
+            for recording in recordings(experiment, stage):
+                inputs = arguments(session, plans, experiment, stage.inputs, stage, recording)
+                tasks[name].append(Task(TaskId(name, stage.name, recording), stage, inputs))
         # a variant follows its base, which computes what both share
-        others = references(experiment, plans[experiment.kind])
-        needs[experiment.name] = others | ({experiment.base: "base"} if experiment.base else {})
+        others = {other.experiment for task in tasks[name] for other in task.before} | {experiment.base}
+        needs[name] = others - {name, ""}
     try:
         names = list(graphlib.TopologicalSorter(needs).static_order())
     except graphlib.CycleError as error:
-        first, second = error.args[1][:2]
+        needed, needing = error.args[1][:2]
+        experiment = session.experiments[needing]
+        settings = every_setting(experiment.settings)
+        place = next((place for place, value, _ in settings if value == REFERENCE + needed), "base")
         circle = f"experiments wait for each other in a circle: {' -> '.join(error.args[1])}"
-        raise _mistake(session.experiments[second], needs[second][first], circle) from None
-    tasks: dict[TaskId, Task] = {}
-    for name in names:
-        experiment = session.experiments[name]
-        for stage in plans[experiment.kind]:
-            for recording in recordings(experiment, stage):
-                task_id = TaskId(name, stage.name, recording)
-                inputs = arguments(session, plans, experiment, stage.inputs, stage, recording)
-                tasks[task_id] = Task(task_id, stage, inputs)
-    return tasks
+        raise _mistake(experiment, place, circle) from None
+    return {task.id: task for name in names for task in tasks[name]}
 
 
 def _mistake(experiment: Experiment, place: str, message: str) -> ConfigError:
@@ -257,13 +258,6 @@ def _mistake(experiment: Experiment, place: str, message: str) -> ConfigError:
 def recordings(experiment: Experiment, stage: Stage) -> tuple[str | None, ...]:
     """List the files that a stage runs over, or just None when it runs once."""
     return (None,) if stage.over is None else _names(field_value(experiment.settings, stage.over))
-
-
-def references(experiment: Experiment, stages: Iterable[Stage]) -> dict[str, str]:
-    """Other experiments whose results the stages take, with the field that names each."""
-    inputs = [text.removeprefix(OTHER) for stage in stages for text in stage.inputs if text.startswith(OTHER)]
-    named = (one for text in inputs for one in _named(experiment, text.split("/")[0]))
-    return {other: place for place, other in named if other is not None}
 
 
 def field_value(settings: Any, dotted: str) -> Any:
