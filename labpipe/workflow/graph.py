@@ -282,12 +282,6 @@ def _ends(node: Any, names: Sequence[str], place: str = "") -> Iterator[tuple[st
         yield place, node
 
 
-def _named(experiment: Experiment, field: str) -> list[tuple[str, str | None]]:
-    """List the experiments that a field names, each with its place; None where a table or a name is absent."""
-    ends = _ends(experiment.settings, field.split("."))
-    return [(place, name.removeprefix(REFERENCE) if isinstance(name, str) else None) for place, name in ends]
-
-
 def _names(value: Any) -> tuple[str, ...]:
     if value is None:
         return ()
@@ -323,13 +317,13 @@ def arguments(
             is_list = taken.per == "recording" and not is_own
         else:
             field, name = text.removeprefix(OTHER).split("/")
-            named = _named(experiment, field)
+            named = list(_ends(experiment.settings, field.split(".")))
             is_list = is_through_list = not named or any("[" in place for place, _ in named)
             for place, other in named:
-                if other is None:
+                if not isinstance(other, str):  # a table or a name is absent
                     slots += [None] * is_through_list
                     continue
-                source = session.experiments[other]
+                source = session.experiments[other.removeprefix(REFERENCE)]
                 known = {s.name: s for s in stages[source.kind]}
                 is_each = name in known and known[name].per == "recording"
                 problem = "" if name in known else f'no stage "{name}"{suggest(name, known)}'
@@ -337,7 +331,7 @@ def arguments(
                     problem = f'a stage "{name}" for each recording; a list of tables takes single results'
                 if problem:
                     raise _mistake(experiment, place, f'"{source.name}" of kind "{source.kind}" has {problem}')
-                slots += [TaskId(other, name, r) for r in recordings(source, known[name])]
+                slots += [TaskId(source.name, name, one) for one in recordings(source, known[name])]
                 is_list |= is_each
         made.append(Argument(text, tuple(slots), is_list, text in may_lack))
     return tuple(made)

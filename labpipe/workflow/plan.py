@@ -251,7 +251,7 @@ def _key(
         "kind": experiment.kind,
         "stage": stage.name,
         "function": stage.function,
-        "code": behind(stage.function, is_page=stage.output == "page")._asdict(),
+        "code": behind(stage.function),
         "parameters": parameters(stage, settings, task.files),
         "inputs": inputs,
     }
@@ -361,10 +361,7 @@ def _row_to_run(store: Store, last: Last | None, task: Task, key: Key, state: st
 
 def _code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Name the packages and libraries in which the code of two results differs."""
-    before, after = (
-        code.get("packages", {}) | {f"{name} (library)": number for name, number in code.get("libraries", {}).items()}
-        for code in (found.get("code", {}) for found in (old, new))  # of old records it is another
-    )
+    before, after = old.get("code", {}), new["code"]
     function = [str(new["function"])] if old.get("function") != new["function"] else []
     return function + [name for name in after | before if before.get(name) != after.get(name)]
 

@@ -19,6 +19,7 @@ from labpipe.notebook import html_table
 from labpipe.variables import variable
 from labpipe.workflow import code
 from labpipe.workflow.engines import Died, Engine, choose, processors, side_by_side
+from labpipe.workflow.store import key_of
 from pipelines.simulator_inputs import material
 from pipelines.sweeps.grid import DRAW, Design, design
 from pipelines.sweeps.simulators import SIMULATORS, Outputs
@@ -197,7 +198,7 @@ def compute(plan: Design, start: int, stop: int) -> list[Outcome]:
 def code_of(simulator: str) -> str:
     """Return a digest of the code that a simulator belongs to."""
     function = SIMULATORS[simulator].run
-    return code.behind(f"{function.__module__}:{function.__name__}").digest
+    return key_of(code.behind(f"{function.__module__}:{function.__name__}"))
 
 
 def _dataset(plan: Design, outcomes: Sequence[Outcome]) -> xr.Dataset:
