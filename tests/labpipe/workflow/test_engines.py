@@ -6,7 +6,7 @@ import random
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -43,21 +43,12 @@ def naps(number: int, folder: Path) -> int:
     return number
 
 
-class Lazy(Mapping[int, tuple[int]]):
+class Lazy(dict[int, tuple[int]]):
     """Tasks that say who was asked for."""
 
-    def __init__(self) -> None:
-        self.asked: list[int] = []
-
     def __getitem__(self, key: int) -> tuple[int]:
-        self.asked.append(key)
-        return (key,)
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(range(1000))
-
-    def __len__(self) -> int:
-        return 1000
+        self.asked = [*getattr(self, "asked", []), key]
+        return super().__getitem__(key)
 
 
 @pytest.mark.parametrize("jobs", [0, 2])
@@ -116,7 +107,7 @@ def test_a_call_elsewhere_computes_with_one_thread_or_tells_of_its_death(
 
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
-    tasks = Lazy()
+    tasks = Lazy({number: (number,) for number in range(1000)})
     answers = side_by_side(choose(2), DOUBLE, tasks)
     for _ in range(3):
         next(answers)
