@@ -108,7 +108,7 @@ def test_a_call_elsewhere_computes_with_one_thread_or_tells_of_its_death(
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
     tasks = Lazy({number: (number,) for number in range(1000)})
-    answers = side_by_side(choose(2), DOUBLE, tasks)
+    answers = side_by_side(choose(0), DOUBLE, tasks)
     for _ in range(3):
         next(answers)
     answers.close()
