@@ -165,15 +165,11 @@ class TaskId(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """One input of a task: a value, or a list of them; ``may_lack`` is one that may give no result.
-
-    Each slot is the result of a task, a file by its name, or nothing.
-    """
+    """One input of a task: a value, or a list of them; each slot is the result of a task, a file's name, or nothing."""
 
     name: str
     slots: tuple[TaskId | str | None, ...] = ()
     is_list: bool = False
-    may_lack: bool = False
 
     @property
     def tasks(self) -> tuple[TaskId, ...]:
@@ -207,7 +203,8 @@ class Task:
     @property
     def required(self) -> tuple[TaskId, ...]:
         """Tasks without whose results it cannot be."""
-        return tuple(task for argument in self.arguments if not argument.may_lack for task in argument.tasks)
+        needed = (argument for argument in self.arguments if argument.name not in self.stage.may_lack)
+        return tuple(task for argument in needed for task in argument.tasks)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -232,7 +229,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
     for name, experiment in session.experiments.items():
         for stage in plans[experiment.kind]:
             for recording in recordings(experiment, stage):
-                inputs = arguments(session, plans, experiment, stage.inputs, stage, recording)
+                inputs = arguments(session, plans, experiment, stage.inputs, stage.over, recording)
                 tasks[name].append(Task(TaskId(name, stage.name, recording), stage, inputs))
         # a variant follows its base, which computes what both share
         others = {other.experiment for task in tasks[name] for other in task.before} | {experiment.base}
@@ -293,20 +290,19 @@ def arguments(
     stages: Stages,
     experiment: Experiment,
     inputs: Iterable[str],
-    of: Stage | None = None,
+    over: str | None = None,
     recording: str | None = None,
 ) -> tuple[Argument, ...]:
-    """Resolve inputs of a stage for one recording, or such of another function that runs once per experiment.
+    """Resolve inputs of a function that runs once per experiment, or for one recording out of the field ``over``.
 
     Raises ConfigError where the experiment refers to one that has no such stage.
     """
-    may_lack = of.may_lack if of is not None else ()
     made = []
     for text in inputs:
         slots: list[TaskId | str | None] = []
         if text.startswith(FILE):
             field = text.removeprefix(FILE)
-            is_own = of is not None and recording is not None and field == of.over
+            is_own = recording is not None and field == over
             value = recording if is_own else field_value(experiment.settings, field)
             slots, is_list = list(_names(value)), isinstance(value, list | tuple)
         elif not text.startswith(OTHER):
@@ -333,7 +329,7 @@ def arguments(
                     raise _mistake(experiment, place, f'"{source.name}" of kind "{source.kind}" has {problem}')
                 slots += [TaskId(source.name, name, one) for one in recordings(source, known[name])]
                 is_list |= is_each
-        made.append(Argument(text, tuple(slots), is_list, text in may_lack))
+        made.append(Argument(text, tuple(slots), is_list))
     return tuple(made)
 
 
