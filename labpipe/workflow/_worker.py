@@ -6,13 +6,13 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labpipe import files
-from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StoreError
+from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
@@ -22,9 +22,6 @@ from labpipe.workflow.graph import Stages, Task, TaskId, ancestors
 from labpipe.workflow.plan import READY, Key, Plan, code_changed, describe_file, page_name, plan
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Store, log
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
@@ -76,10 +73,6 @@ class Job:
     run: str = ""
 
 
-class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew)
-    """An input changed, or a stored one was damaged, so that the plan no longer holds; once for every task."""
-
-
 def work(job: Job, experiment: str, wanted: frozenset[TaskId], failures: Mapping[TaskId, Outcome]) -> list[Outcome]:
     """Compute the wanted results of an experiment that are missing, under its lock.
 
@@ -106,15 +99,8 @@ def work(job: Job, experiment: str, wanted: frozenset[TaskId], failures: Mapping
     try:
         store = Store(job.session.folder)
         with store.writing(), store.experiment(experiment):
-            retried: set[TaskId] = set()
-            is_finished = False
-            while not is_finished:
-                made = plan(job.session, job.stages, wanted, full=job.full, keep=job.keep, store=store)
-                try:
-                    _Run(job, experiment, store, made, emit, retried, dict(failures)).all()
-                    is_finished = True
-                except _StartAgain as again:
-                    retried.add(again.args[0])
+            made = plan(job.session, job.stages, wanted, full=job.full, keep=job.keep, store=store)
+            _Run(job, experiment, store, made, emit, dict(failures)).all()
             store.index.save()
     except LabpipeError as error:  # outside a task, as when the lock or the list of last keys cannot be written
         kind = type(error).__name__
@@ -132,7 +118,6 @@ class _Run:
     store: Store
     plan: Plan
     emit: Callable[[str, TaskId | Outcome], None]
-    retried: Set[TaskId]
     failures: dict[TaskId, Outcome]
     passed: dict[TaskId, Any] = field(default_factory=dict)
 
@@ -164,8 +149,6 @@ class _Run:
         failure: dict[str, Any] = {}
         try:
             key = self._made(task)
-        except _StartAgain:
-            raise
         except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             # Unless it is one of ours, the mistake is the step's, not a record's.
@@ -194,13 +177,11 @@ class _Run:
             if state == "damaged":
                 self.store.quarantine(key.value)
             if is_page and state == "stored":
-                files.write_text(page, str(self._read(task, key.value)))
+                files.write_text(page, str(self.store.read(key.value)))
                 self.store.note_latest(task.id, key.value)
                 return key.value
         if key.problem:
             raise InputError(key.problem)
-        if key.value is None and not (is_page or stage.context):
-            raise StageError(f"{name}: an input has no key; run again")
         # half as much again as the last result of this task, or the results that it is made of; 1 MiB at least
         last, before = self.store.last(task.id), [self.plan.keys[name].value for name in task.before]
         sizes = [0 if one is None else self.store.size(one) for one in (last and last.key, *before)]
@@ -235,9 +216,13 @@ class _Run:
     # --- one call ---
 
     def _call(self, task: Task, key: Key) -> tuple[Any, tuple[Caught, ...]]:
-        """Call the function; start again when a file changed before it returned or failed."""
-        function = _import(task)
-        self._refuse_changed(task, key)
+        """Call the function, and refuse its result where a file has changed before it returned or failed."""
+        module, _, name = task.stage.function.partition(":")
+        try:
+            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, SyntaxError) as error:
+            text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
+            raise StageError(text) from error
         arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
         settings = self.job.session.experiments[task.id.experiment].settings
         keywords: dict[str, Any] = {"settings": settings}
@@ -254,7 +239,13 @@ class _Run:
                 result = function(*arguments, **keywords)
             finally:
                 code.refuse_changed()
-                self._refuse_changed(task, key)
+                for known in (file for argument in key.ingredients["inputs"] for file in argument.get("files", ())):
+                    if describe_file(self.job.session.files, known["name"], self.store.index) != known:
+                        problem = "still being written: its content changed while it was read"
+                        hint = "wait until it is complete, or copy it here first, and run again"
+                        error = SourceError(known["name"], problem, hint=hint)
+                        error.is_of_run = True  # the same file may be whole the next time
+                        raise error
         found = Counter(
             (warning.category.__name__, self._relative(str(warning.message)))
             for warning in raised
@@ -262,36 +253,17 @@ class _Run:
         )
         return result, tuple(Caught(*entry, count) for entry, count in found.items())
 
-    def _refuse_changed(self, task: Task, key: Key) -> None:
-        for known in (file for argument in key.ingredients["inputs"] for file in argument.get("files", ())):
-            if describe_file(self.job.session.files, known["name"], self.store.index) == known:
-                continue
-            if task.id not in self.retried:
-                raise _StartAgain(task.id)
-            hint = "wait until it is complete, or copy it here first, and run again"
-            error = SourceError(known["name"], "still being written: its content changed while it was read", hint=hint)
-            error.is_of_run = True  # the same file may be whole the next time
-            raise error
-
     def _value(self, task: Task, slot: TaskId | str) -> Any:
         """Return the value of a slot for the function of a task; None for a result that is not there."""
         if isinstance(slot, str):
             return self.job.session.files / slot
         value, result = self.plan.keys[slot].value, self.passed.get(slot)
         if result is None and slot not in self.failures and value is not None:
-            result = self._read(task, value)
+            result = self.store.read(value)
             if task.stage.output == "dataset" and not isinstance(result, str):
                 for attribute in _OURS:
                     result.attrs.pop(attribute, None)
         return result
-
-    def _read(self, task: Task, key: str) -> "xr.Dataset | str":
-        try:
-            return self.store.read(key)
-        except StoreError:
-            if task.id in self.retried:
-                raise
-            raise _StartAgain(task.id) from None
 
     def _context(self, task: Task) -> Context:
         """Return the context of a page: the run behind it."""
@@ -315,14 +287,3 @@ class _Run:
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(Kept(*of[name], code_changed(keys[name].kept)) for name in behind if keys[name].kept),
         )
-
-
-def _import(task: Task) -> Callable[..., Any]:
-    """Return the function of a task."""
-    module, _, name = task.stage.function.partition(":")
-    try:
-        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, SyntaxError) as error:
-        text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
-        raise StageError(text) from error
-    return function

@@ -13,7 +13,6 @@ import os
 import time
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 from labpipe.errors import InstallationError
 
@@ -26,36 +25,17 @@ LIBRARIES = ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-p
 _SHARED = "shared"
 _FOR_READERS = (".md", ".LICENSE", ".typed")
 """Endings of files that no result depends on, as on those in folders called ``documentation``."""
-_OF_PAGES = (".css", ".html", ".js")
-"""Endings of files that nothing but a page depends on."""
 _LOADED = time.time_ns()
 """Moment from which on this process may have loaded any of the files."""
 _seen: dict[str, tuple[int, str]] = {}
 """Time of modification and digest of every file that belongs to an identity."""
 
 
-class Identity(NamedTuple):
-    """Digests of the source files by package, and versions of libraries."""
-
-    packages: dict[str, str]
-    libraries: dict[str, str | None]
-
-    @property
-    def digest(self) -> str:
-        """All of it in one."""
-        return _short(repr(self).encode())
-
-
 @cache
-def behind(*names: str, is_page: bool = False) -> Identity:
-    """Return the identity of the code behind functions.
+def behind(*names: str) -> dict[str, str | None]:
+    """Return the identity of the code behind functions, ``"package.module:function"``, or whole packages.
 
-    Parameters
-    ----------
-    *names : str
-        ``"package.module:function"``, or a package, which counts with all packages inside it.
-    is_page : bool
-        Whether style sheets, templates and scripts count too.
+    It has the digest of every package, and the version of every library.
     """
     packages: dict[str, str] = {}
     for name in (*FOUNDATIONS, *readers(), *names):
@@ -63,10 +43,10 @@ def behind(*names: str, is_page: bool = False) -> Identity:
         home = (module.rpartition(".")[0] or module) if colon else module
         *around, _ = home.split(".")
         for count in range(1, len(around) + 1):
-            packages |= _digests(".".join(around[:count]), False, is_page)
+            packages |= _digests(".".join(around[:count]), False)
         for package in (home, ".".join([*around, _SHARED])) if around else (home,):
-            packages |= _digests(package, True, is_page)
-    return Identity(dict(sorted(packages.items())), {name: version(name) for name in LIBRARIES})
+            packages |= _digests(package, True)
+    return dict(sorted(packages.items())) | {f"{name} (library)": version(name) for name in LIBRARIES}
 
 
 def refuse_changed() -> None:
@@ -99,7 +79,7 @@ def readers() -> tuple[str, ...]:
 
 
 @cache
-def _digests(package: str, is_whole: bool, is_page: bool) -> dict[str, str]:
+def _digests(package: str, is_whole: bool) -> dict[str, str]:
     """Digest of a package's own files and, of a whole one, of each package inside it."""
     top, *inner = package.split(".")
     try:
@@ -109,20 +89,19 @@ def _digests(package: str, is_whole: bool, is_page: bool) -> dict[str, str]:
     if spec is None or spec.origin is None:
         return {package: "absent"}
     if spec.submodule_search_locations is None:
-        return {package: _short(_digest(spec.origin).encode())}
+        return {package: _digest(spec.origin)}
     found: dict[str, list[tuple[str, str]]] = {}
     root = os.path.join(spec.submodule_search_locations[0], *inner)  # noqa: PTH118 (text: there are hundreds of files)
-    left_out = _FOR_READERS if is_page else (*_FOR_READERS, *_OF_PAGES)
     for place, below, names in os.walk(root):
         kept = [name for name in below if not name.startswith((".", "__pycache__", "documentation"))]
         below[:] = sorted(kept) if is_whole else []
         within = place[len(root) + 1 :]
         part = within.partition(os.sep)[0]
+        entries = found.setdefault(f"{package}.{part}" if part else package, [])
         for name in sorted(names):
-            if not name.startswith(".") and not name.endswith(left_out):
-                entry = f"{within}/{name}", _digest(f"{place}/{name}")
-                found.setdefault(f"{package}.{part}" if part else package, []).append(entry)
-    return {part: _short(repr(files).encode()) for part, files in found.items()}
+            if not name.startswith(".") and not name.endswith(_FOR_READERS):
+                entries.append((f"{within}/{name}", _digest(f"{place}/{name}")))
+    return {part: _short(repr(files).encode()) for part, files in found.items() if files}
 
 
 def _digest(path: str) -> str:

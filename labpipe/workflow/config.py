@@ -129,32 +129,34 @@ class Checker:
             return self.structure(bare, value, place)
         if typing.get_origin(bare) in (list, tuple, dict):
             return self._collection(kind, value, place)
-        return self._single(kind, value, place)
-
-    def _single(self, kind: Any, value: Any, place: Place) -> Any:
-        _, marks = split(kind)
         try:
-            if mark(marks, FileMark) is not None:
-                return self._file(value, place)
-            if mark(marks, ReferenceMark) is not None and isinstance(value, str):
-                name = value.removeprefix(REFERENCE)
-                if self.names is not None and name == self.own:
-                    raise InputError("an experiment cannot refer to itself")
-                if self.names is not None and name not in self.names:
-                    near = suggest(name, (other for other in self.names if other != self.own))
-                    raise InputError(f'there is no experiment "{name}"{near}')
-                return REFERENCE + name
-            dimension = mark(marks, Dimension)
-            converted = _plain(kind, value) if dimension is None else _quantity(dimension, value)
+            return self._single(kind, value, place)
         except InputError as error:
             return self.report(place, str(error))
-        number, si = (converted.value, converted.si) if isinstance(converted, Quantity) else (converted, "1")
+
+    def _single(self, kind: Any, value: Any, place: Place) -> Any:
+        """Convert a value that holds no others; raise InputError with its mistake."""
+        bare, marks = split(kind)
+        if mark(marks, FileMark) is not None:
+            return self._file(value, place)
+        if mark(marks, ReferenceMark) is not None and isinstance(value, str):
+            name = value.removeprefix(REFERENCE)
+            if self.names is not None and name == self.own:
+                raise InputError("an experiment cannot refer to itself")
+            if self.names is not None and name not in self.names:
+                near = suggest(name, (other for other in self.names if other != self.own))
+                raise InputError(f'there is no experiment "{name}"{near}')
+            return REFERENCE + name
+        if (dimension := mark(marks, Dimension)) is not None:
+            converted: Any = _quantity(dimension, value)
+            number, unit, shown = converted.value, f" {dimension.si}".removesuffix(" 1"), show(converted)
+        else:
+            converted = number = shown = _plain(kind, bare, value)
+            unit = ""
         bounds = mark(marks, Range)
-        if bounds is None or bounds.holds(number):
-            return converted
-        unit = "" if si == "1" or bounds.is_sign else f" {si}"
-        shown = show(converted) if isinstance(converted, Quantity) else converted
-        return self.report(place, f"must be {bounds}{unit}, found {shown}")
+        if bounds is not None and not bounds.holds(number):
+            raise InputError(f"must be {bounds}{unit}, found {shown}")
+        return converted
 
     def _collection(self, kind: Any, value: Any, place: Place) -> Any:
         bare, marks = split(kind)
@@ -239,8 +241,7 @@ def _quantity(dimension: Dimension, value: Any) -> Quantity:
     return parsed
 
 
-def _plain(kind: Any, value: Any) -> Any:
-    bare, _ = split(kind)
+def _plain(kind: Any, bare: Any, value: Any) -> Any:
     if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
         known = typing.get_args(bare)
         if isinstance(value, str) and value.lower() in known:

@@ -114,17 +114,12 @@ def parse(path: Path, text: str | None = None) -> Document:
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise refuse(1, f"cannot be read as TOML: {error}") from None
-    document = Document(path, tree, {(): 1})
-    numbers: list[tuple[Place, float]] = []
+    if any(len(place) > DEEPEST for place, _ in placed(tree)):
+        raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
+    document = Document(path, tree, line_index(text))
     for place, node in placed(tree):
-        if len(place) > DEEPEST:
-            raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
-        if isinstance(node, float):
-            numbers.append((place, node))
-    document.lines = line_index(text)
-    for place, number in numbers:
-        if not math.isfinite(number):
-            document.report(place, f"expected a finite number, found {number}")
+        if isinstance(node, float) and not math.isfinite(node):
+            document.report(place, f"expected a finite number, found {node}")
     return document
 
 

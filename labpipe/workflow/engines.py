@@ -17,7 +17,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
@@ -59,58 +59,45 @@ class Call:
         return getattr(importlib.import_module(module), name)(*self.arguments)
 
 
+@dataclass(slots=True)
 class Crew:
     """The calls under way, by the keys under which they were given.
 
     ``start`` returns the future of a call, ``size`` how many may be under way at once. A call that was under way when
-    a local process died is tried once more, alone, after all others; after a second death its answer is :class:`Died`.
+    a local process died is tried once more, in a process of its own; after a second death its answer is :class:`Died`.
     """
 
-    def __init__(self, start: Callable[[Call], "Future[Any]"], size: Callable[[], int]) -> None:
-        self._start, self._size = start, size
-        self._under_way: dict[Future[Any], tuple[Any, Call]] = {}
-        self._lost: list[tuple[Any, Call]] = []
-        self._alone: Future[Any] | None = None
+    start: Callable[[Call], "Future[Any]"]
+    size: Callable[[], int]
+    under_way: "dict[Future[Any], tuple[Any, Call]]" = field(default_factory=dict)
 
     @property
     def room(self) -> int:
         """Calls that can be given now."""
-        return 0 if self._alone in self._under_way else max(self._size() - len(self._under_way), 0)
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether every call has been answered."""
-        return not (self._under_way or self._lost)
+        return max(self.size() - len(self.under_way), 0)
 
     def give(self, key: Any, call: Call) -> None:
         """Hand out a call under a key."""
-        self._under_way[self._start(call)] = key, call
+        self.under_way[self.start(call)] = key, call
 
-    def ended(self) -> Sequence[tuple[Any, Any]]:
-        """Wait a moment for answers; return key and answer of the calls that have ended, raise the error of one."""
-        ended = []
-        done, _ = wait(self._under_way, _MOMENT, FIRST_COMPLETED)
-        for future in [future for future in self._under_way if future in done]:
-            key, call = self._under_way.pop(future)
+    def ended(self) -> Iterator[tuple[Any, Any]]:
+        """Wait a moment for answers; yield key and answer of the calls that have ended, raise the error of one."""
+        for future in wait(self.under_way, _MOMENT, FIRST_COMPLETED).done:
+            key, call = self.under_way.pop(future)
             try:
-                answer = future.result()
+                yield key, future.result()
             except BrokenProcessPool:
-                if future is not self._alone:
-                    self._lost.append((key, call))
-                    continue
-                answer = Died("its process was ended from outside, or crashed; was the memory full?")
+                try:
+                    answer = elsewhere(call)
+                except Died as death:
+                    answer = death
+                yield key, answer
             except CancelledError as error:
                 raise LabpipeError("the Dask scheduler no longer answers; run again to go on") from error
             except Exception as error:
                 if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
                     raise
-                answer = Died("its workers died one after the other; was the memory full?")
-            ended.append((key, answer))
-        if self._lost and not self._under_way:
-            key, call = self._lost.pop(0)
-            self._alone = self._start(call)
-            self._under_way[self._alone] = key, call
-        return ended
+                yield key, Died("its workers died one after the other; was the memory full?")
 
 
 Engine = Callable[[], AbstractContextManager[Crew]]
@@ -149,17 +136,18 @@ def side_by_side(
         while True:
             for key in islice(queue, crew.room):
                 crew.give(key, Call(function, tasks[key], tuple(imports)))
-            if crew.is_idle:
+            if not crew.under_way:
                 return
             yield from crew.ended()
 
 
 def elsewhere(call: Call) -> Any:
-    """Return the answer of a call in a local process; raise its error, or :class:`Died`."""
-    ((_, answer),) = side_by_side(choose(1), call.function, {None: call.arguments}, imports=call.imports)
-    if isinstance(answer, Died):
-        raise answer
-    return answer
+    """Return the answer of a call in a local process of its own; raise its error, or :class:`Died`."""
+    with _processes(1) as crew:
+        try:
+            return crew.start(call).result()
+        except BrokenProcessPool:
+            raise Died("its process was ended from outside, or crashed; was the memory full?") from None
 
 
 def _here(call: Call) -> "Future[Any]":

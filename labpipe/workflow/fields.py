@@ -38,12 +38,6 @@ class Range:
         bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
         return " and ".join(f"{sign} {value:g}" for sign, value in bounds if math.isfinite(value))
 
-    @property
-    def is_sign(self) -> bool:
-        """Whether all bounds are zero, which reads the same in every unit."""
-        bounds = (self.above, self.at_least, self.below, self.at_most)
-        return all(value == 0 for value in bounds if math.isfinite(value))
-
     def holds(self, value: float) -> bool:
         """Return whether a value is inside."""
         return self.above < value < self.below and self.at_least <= value <= self.at_most
@@ -217,21 +211,6 @@ def suggest(word: str, known: Iterable[str]) -> str:
     return ""
 
 
-_SHOWN_IN: dict[str, tuple[str, ...]] = {
-    "m": ("m", "mm", "um", "nm"),
-    "kg": ("kg", "g", "mg"),
-    "s": ("s", "ms", "us", "ns"),
-    "Hz": ("kHz", "Hz"),
-    "N": ("kN", "N", "mN", "uN"),
-    "Pa": ("GPa", "MPa", "kPa", "Pa"),
-    "m/s": ("m/s", "mm/s", "um/s"),
-    "m/px": ("mm/px", "um/px"),
-    "m2": ("m2", "mm2"),
-    "rad": ("deg",),
-}
-"""Units to show a quantity in, from the largest; the first in which it is at least 1 is taken."""
-
-
 def show(value: Quantity) -> str:
     """Write a quantity for people: ``9.525 mm``, ``12 ± 0.2 deg``.
 
@@ -240,10 +219,15 @@ def show(value: Quantity) -> str:
     >>> show(Quantity(0.009525, 0.0, "m"))
     '9.525 mm'
     """
-    names = _SHOWN_IN.get(value.si, (value.si,))
-    fitting = (n for n in names if abs(value.value) >= unit(n).factor * (1 - 1e-12))
-    name = next(fitting, names[0] if value.value == 0 else names[-1])
-    factor = unit(name).factor
+    # the largest multiple by a power of a thousand in which it is at least 1
+    own = value.si.removeprefix("k")
+    names = {unit(name).factor: name for name in spellings(value.si) if name.endswith(own)} or {1.0: value.si}
+    factors = sorted((one for one in names if math.log10(one) % 3 == 0), reverse=True)
+    if value.si == "rad":
+        factors, names = [math.radians(1.0)], {math.radians(1.0): "deg"}
+    fitting = (one for one in factors if abs(value.value) >= one * (1 - 1e-12))
+    factor = next(fitting, factors[0] if value.value == 0 else factors[-1])
+    name = names[factor]
     text = f"{value.value / factor:.6g}"
     if value.u:
         text += f" ± {value.u / factor:.2g}"

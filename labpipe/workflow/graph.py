@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 
 from labpipe.errors import ConfigError, InputError
-from labpipe.workflow.fields import REFERENCE, fields_of, split, suggest, tables_of
+from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, split, suggest, tables_of
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 
 FILE = "file:"
@@ -165,15 +165,11 @@ class TaskId(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """One input of a task: a value, or a list of them; ``may_lack`` is one that may give no result.
-
-    Each slot is the result of a task, a file by its name, or nothing.
-    """
+    """One input of a task: a value, or a list of them; each slot is the result of a task, a file's name, or nothing."""
 
     name: str
     slots: tuple[TaskId | str | None, ...] = ()
     is_list: bool = False
-    may_lack: bool = False
 
     @property
     def tasks(self) -> tuple[TaskId, ...]:
@@ -207,7 +203,8 @@ class Task:
     @property
     def required(self) -> tuple[TaskId, ...]:
         """Tasks without whose results it cannot be."""
-        return tuple(task for argument in self.arguments if not argument.may_lack for task in argument.tasks)
+        needed = (argument for argument in self.arguments if argument.name not in self.stage.may_lack)
+        return tuple(task for argument in needed for task in argument.tasks)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -222,30 +219,31 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
     circle, or to a stage that is not there.
     """
     plans: dict[str, tuple[Stage, ...]] = {}
-    needs: dict[str, dict[str, str]] = {}
     for experiment in session.experiments.values():
         if experiment.kind not in stages:
             raise InputError(f'no stages are known for the kind "{experiment.kind}"')
         if experiment.kind not in plans:
             plans[experiment.kind] = ordered(stages[experiment.kind], type(experiment.settings))
+    tasks: dict[str, list[Task]] = {name: [] for name in session.experiments}
+    needs: dict[str, set[str]] = {}
+    for name, experiment in session.experiments.items():
+        for stage in plans[experiment.kind]:
+            for recording in recordings(experiment, stage):
+                inputs = arguments(session, plans, experiment, stage.inputs, stage.over, recording)
+                tasks[name].append(Task(TaskId(name, stage.name, recording), stage, inputs))
         # a variant follows its base, which computes what both share
-        others = references(experiment, plans[experiment.kind])
-        needs[experiment.name] = others | ({experiment.base: "base"} if experiment.base else {})
+        others = {other.experiment for task in tasks[name] for other in task.before} | {experiment.base}
+        needs[name] = others - {name, ""}
     try:
         names = list(graphlib.TopologicalSorter(needs).static_order())
     except graphlib.CycleError as error:
-        first, second = error.args[1][:2]
+        needed, needing = error.args[1][:2]
+        experiment = session.experiments[needing]
+        settings = every_setting(experiment.settings)
+        place = next((place for place, value, _ in settings if value == REFERENCE + needed), "base")
         circle = f"experiments wait for each other in a circle: {' -> '.join(error.args[1])}"
-        raise _mistake(session.experiments[second], needs[second][first], circle) from None
-    tasks: dict[TaskId, Task] = {}
-    for name in names:
-        experiment = session.experiments[name]
-        for stage in plans[experiment.kind]:
-            for recording in recordings(experiment, stage):
-                task_id = TaskId(name, stage.name, recording)
-                inputs = arguments(session, plans, experiment, stage.inputs, stage, recording)
-                tasks[task_id] = Task(task_id, stage, inputs)
-    return tasks
+        raise _mistake(experiment, place, circle) from None
+    return {task.id: task for name in names for task in tasks[name]}
 
 
 def _mistake(experiment: Experiment, place: str, message: str) -> ConfigError:
@@ -257,13 +255,6 @@ def _mistake(experiment: Experiment, place: str, message: str) -> ConfigError:
 def recordings(experiment: Experiment, stage: Stage) -> tuple[str | None, ...]:
     """List the files that a stage runs over, or just None when it runs once."""
     return (None,) if stage.over is None else _names(field_value(experiment.settings, stage.over))
-
-
-def references(experiment: Experiment, stages: Iterable[Stage]) -> dict[str, str]:
-    """Other experiments whose results the stages take, with the field that names each."""
-    inputs = [text.removeprefix(OTHER) for stage in stages for text in stage.inputs if text.startswith(OTHER)]
-    named = (one for text in inputs for one in _named(experiment, text.split("/")[0]))
-    return {other: place for place, other in named if other is not None}
 
 
 def field_value(settings: Any, dotted: str) -> Any:
@@ -288,12 +279,6 @@ def _ends(node: Any, names: Sequence[str], place: str = "") -> Iterator[tuple[st
         yield place, node
 
 
-def _named(experiment: Experiment, field: str) -> list[tuple[str, str | None]]:
-    """List the experiments that a field names, each with its place; None where a table or a name is absent."""
-    ends = _ends(experiment.settings, field.split("."))
-    return [(place, name.removeprefix(REFERENCE) if isinstance(name, str) else None) for place, name in ends]
-
-
 def _names(value: Any) -> tuple[str, ...]:
     if value is None:
         return ()
@@ -305,20 +290,19 @@ def arguments(
     stages: Stages,
     experiment: Experiment,
     inputs: Iterable[str],
-    of: Stage | None = None,
+    over: str | None = None,
     recording: str | None = None,
 ) -> tuple[Argument, ...]:
-    """Resolve inputs of a stage for one recording, or such of another function that runs once per experiment.
+    """Resolve inputs of a function that runs once per experiment, or for one recording out of the field ``over``.
 
     Raises ConfigError where the experiment refers to one that has no such stage.
     """
-    may_lack = of.may_lack if of is not None else ()
     made = []
     for text in inputs:
         slots: list[TaskId | str | None] = []
         if text.startswith(FILE):
             field = text.removeprefix(FILE)
-            is_own = of is not None and recording is not None and field == of.over
+            is_own = recording is not None and field == over
             value = recording if is_own else field_value(experiment.settings, field)
             slots, is_list = list(_names(value)), isinstance(value, list | tuple)
         elif not text.startswith(OTHER):
@@ -329,13 +313,13 @@ def arguments(
             is_list = taken.per == "recording" and not is_own
         else:
             field, name = text.removeprefix(OTHER).split("/")
-            named = _named(experiment, field)
+            named = list(_ends(experiment.settings, field.split(".")))
             is_list = is_through_list = not named or any("[" in place for place, _ in named)
             for place, other in named:
-                if other is None:
+                if not isinstance(other, str):  # a table or a name is absent
                     slots += [None] * is_through_list
                     continue
-                source = session.experiments[other]
+                source = session.experiments[other.removeprefix(REFERENCE)]
                 known = {s.name: s for s in stages[source.kind]}
                 is_each = name in known and known[name].per == "recording"
                 problem = "" if name in known else f'no stage "{name}"{suggest(name, known)}'
@@ -343,9 +327,9 @@ def arguments(
                     problem = f'a stage "{name}" for each recording; a list of tables takes single results'
                 if problem:
                     raise _mistake(experiment, place, f'"{source.name}" of kind "{source.kind}" has {problem}')
-                slots += [TaskId(other, name, r) for r in recordings(source, known[name])]
+                slots += [TaskId(source.name, name, one) for one in recordings(source, known[name])]
                 is_list |= is_each
-        made.append(Argument(text, tuple(slots), is_list, text in may_lack))
+        made.append(Argument(text, tuple(slots), is_list))
     return tuple(made)
 
 

@@ -28,9 +28,7 @@ READY = (CACHED, KEPT)
 """States of results that can be used."""
 _COLUMNS = ("experiment", "stage", "recording", "state", "reason")
 _MOST_REASONS = 3
-"""Reasons shown in one row; the rest is counted."""
-_CODE = {"function", "code", "version", "format"}
-"""Ingredients that say how a result was made, not from which inputs; the last two in old records."""
+"""Reasons, and packages, shown in one row; the rest is counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,22 +93,14 @@ class Plan(ShownAsTable):
 
     @property
     def estimate(self) -> str:
-        """How long the rest may take, by the last run of every step; empty when nothing is known.
-
-        Steps that run side by side count one after the other.
-        """
+        """How long the rest may take one step after the other, by the last run of each; empty when nothing is known."""
         known = last_seconds(self.session) if self.to_run else {}
         found = [known[row.task] for row in self.to_run if row.task in known]
-        new = len(self.to_run) - len(found)
         if not found:
             return ""
-        unknown = f", without {new} that never ran" if new else ""
-        seconds = sum(found)
-        if seconds < 100:
-            text = f"{max(seconds, 1.0):.0f} s"
-        else:
-            text = f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
-        return f"about {text} (last time{unknown})"
+        new, seconds = len(self.to_run) - len(found), max(sum(found), 1.0)
+        text = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        return f"about {text} (last time{f', without {new} that never ran' if new else ''})"
 
     @property
     def summary(self) -> str:
@@ -210,8 +200,8 @@ def code_changed(modules: Sequence[str]) -> str:
     >>> code_changed(["labpipe.units"])
     'code changed: labpipe.units'
     """
-    more = f" and {len(modules) - 3} more" if len(modules) > 3 else ""
-    return f"code changed: {', '.join(modules[:3])}{more}" if modules else ""
+    more = f" and {len(modules) - _MOST_REASONS} more" if len(modules) > _MOST_REASONS else ""
+    return f"code changed: {', '.join(modules[:_MOST_REASONS])}{more}" if modules else ""
 
 
 def wanted_tasks(
@@ -261,7 +251,7 @@ def _key(
         "kind": experiment.kind,
         "stage": stage.name,
         "function": stage.function,
-        "code": behind(stage.function, is_page=stage.output == "page")._asdict(),
+        "code": behind(stage.function),
         "parameters": parameters(stage, settings, task.files),
         "inputs": inputs,
     }
@@ -294,26 +284,24 @@ def parameters(stage: Stage, settings: Any, read: Sequence[str] = ()) -> dict[st
         settings = {name: value for name, value in settings.items() if name != "notes"}
     flat: dict[str, Any] = {}
 
-    def flatten(place: str, value: Any) -> None:
-        if isinstance(value, dict) and value:
-            for name, child in value.items():
-                flatten(f"{place}.{name}" if place else str(name), child)
+    def add(node: Any, names: Sequence[str], place: str = "") -> None:
+        """Add all that a dotted name leads to, in every item of the lists on the way."""
+        if names and isinstance(node, list | tuple):
+            for number, item in enumerate(node):
+                add(item, names, f"{place}[{number}]")
+        elif names or (isinstance(node, dict) and node):
+            table = node if isinstance(node, dict) else {}  # None where a table is absent
+            for name in names[:1] or table:
+                add(table.get(name), names[1:], f"{place}.{name}".removeprefix("."))
         else:
-            flat[place] = list(value) if isinstance(value, tuple) else value
-
-    def field(node: Any, names: Sequence[str]) -> Any:
-        for position, name in enumerate(names):
-            if isinstance(node, list | tuple):
-                return [field(item, names[position:]) for item in node]
-            node = node.get(name) if isinstance(node, dict) else None
-        return node
+            flat[place] = list(node) if isinstance(node, tuple) else node
 
     for dotted in stage.parameters:
         if dotted == EXCLUDE:
             own = [one for one in settings.get(EXCLUDE, ()) if one["file"] in read]
             flat[dotted] = [[one["file"], one["readings"], one["frames"]] for one in own]
-            continue
-        flatten(*("", settings) if dotted == "*" else (dotted, field(settings, dotted.split("."))))
+        else:
+            add(settings, () if dotted == "*" else dotted.split("."))
     return flat
 
 
@@ -326,9 +314,8 @@ def _kept(store: Store, last: Last | None, key: Key, *, was_taken: bool) -> Key:
     record = store.record(last.key)
     old, new = {} if record is None else record.ingredients, key.ingredients
     # a result that only reports which results behind it were kept is as true as they are
-    apart = (old.keys() | new.keys()) - {*_CODE, "kept"}
-    # as text: stored ingredients have lists where the settings have tuples
-    if any(files.canonical(old.get(name)) != files.canonical(new.get(name)) for name in apart):
+    without = ({n: v for n, v in one.items() if n not in ("function", "code", "kept")} for one in (old, new))
+    if len(set(map(files.canonical, without))) > 1:
         return key
     return Key(last.key, old, "", tuple(_code_changes(old, new)), key.value)
 
@@ -374,14 +361,9 @@ def _row_to_run(store: Store, last: Last | None, task: Task, key: Key, state: st
 
 def _code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Name the packages and libraries in which the code of two results differs."""
-    if "packages" not in old.get("code", {}):
-        return ["made by an earlier version of labpipe"]
-    before, after = (
-        code["packages"] | {f"{name} (library)": number for name, number in code["libraries"].items()}
-        for code in (old["code"], new["code"])
-    )
-    function = [str(new["function"])] if old.get("function") != new.get("function") else []
-    return function + [name for name in {**after, **before} if before.get(name) != after.get(name)]
+    before, after = old.get("code", {}), new["code"]
+    function = [str(new["function"])] if old.get("function") != new["function"] else []
+    return function + [name for name in after | before if before.get(name) != after.get(name)]
 
 
 def changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool) -> list[str]:
@@ -389,26 +371,23 @@ def changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool)
 
     For a task that waits, the task it waits for names the change upstream.
     """
-    code = _code_changes(old, new)
-    found = [code_changed(code)] if code else []
+    code = code_changed(_code_changes(old, new))
+    found = [code] if code else []
     before, after = _facts(old), _facts(new)
-    for name in {**after, **before}:
+    for name in after | before:
         # as text: the record has lists where settings have tuples
         if files.canonical(before.get(name)) == files.canonical(after.get(name)):
             continue
         if name.startswith("parameter"):
             found.append(f"{name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}")
         else:
-            found.append(f"{name} {'changed' if name in before and name in after else _IN[name in after]}")
+            found.append(f"{name} {'removed' if name not in after else 'changed' if name in before else 'added'}")
     if found:
         return found
     if [one["input"] for one in old["inputs"]] != [one["input"] for one in new["inputs"]]:
         return ["the stage takes other inputs"]
     pairs = () if is_waiting else zip(old["inputs"], new["inputs"], strict=True)
     return [f"upstream {one['input']} changed" for other, one in pairs if other.get("keys") != one.get("keys")]
-
-
-_IN = {True: "added", False: "removed"}
 
 
 def _facts(ingredients: Mapping[str, Any]) -> dict[str, Any]:

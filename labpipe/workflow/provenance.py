@@ -14,9 +14,6 @@ from labpipe.workflow.graph import Task, TaskId, ancestors
 from labpipe.workflow.plan import Key
 from labpipe.workflow.store import key_of
 
-_GIT_SECONDS = 10
-"""A repository on a share that does not answer must not stop a run."""
-
 
 def program() -> dict[str, Any]:
     """Versions of labpipe, Python and the libraries, and the state of labpipe's own repository."""
@@ -34,16 +31,12 @@ def git_state(folder: Path) -> str | None:
     git = shutil.which("git")
     if git is None or not any((parent / ".git").exists() for parent in folder.parents):
         return None
-    try:
-        commit, changes = (
-            subprocess.run(
-                [git, "-C", str(folder), *arguments], capture_output=True, text=True, check=True, timeout=_GIT_SECONDS
-            ).stdout.strip()
-            for arguments in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no"))
-        )
+    command = [git, "-C", str(folder), "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
+    try:  # a repository on a share that does not answer must not stop a run
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
     except (OSError, subprocess.SubprocessError):
         return None
-    return commit + "+" if changes else commit
+    return done.stdout.strip()
 
 
 def of_task(

@@ -56,12 +56,8 @@ class Results:
         if task not in self.plan.tasks:
             wanted_tasks(self.plan.session, self.plan.tasks, [f"{experiment}/{stage}"], [experiment])
             known = ", ".join(f'"{n.recording}"' for n in self.plan.tasks if n[:2] == task[:2] and n.recording)
-            if not known:
-                text = f'is one result of all recordings; ask for it without "{recording}"'
-            elif recording is None:
-                text = f"has a result for each recording; name one of them: {known}"
-            else:
-                text = f'has no recording "{recording}"; there are {known}'
+            text = f'is one result of all recordings; ask for it without "{recording}"'
+            text = f"has a result for each recording; name one of them: {known}" if known else text
             raise InputError(f"{experiment}/{stage} {text}")
         row = next(row for row in self.plan.rows if row.task == task)
         key = self.plan.keys[task].value

@@ -4,6 +4,7 @@ import contextlib
 import secrets
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from typing import TypedDict, Unpack
 
 import msgspec
@@ -126,8 +127,9 @@ def run_all(
                     state.hear()
     except BaseException as error:
         for state in under_way:
-            with state.held, contextlib.suppress(StorageError):
+            with contextlib.suppress(StorageError):
                 log(state.plan.session, "run interrupted", error=type(error).__name__)
+                state.store.clean()
         raise
 
 
@@ -148,7 +150,6 @@ class _SessionRun:
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
     heard: int = 0
-    held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def show(self, kind: str, task: TaskId, message: str = "") -> None:
         """Hand an event to whoever follows the progress."""
@@ -168,26 +169,20 @@ class _SessionRun:
     def begin(self, jobs: int) -> None:
         """Write the beginning into the log, and find out which experiments need a worker, in which order."""
         plan = self.plan
-        with contextlib.ExitStack() as held:
-            held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
-            held.enter_context(self.store.writing())
-            log(plan.session, "run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
-            if plan.to_run:
-                self.show("planned", plan.to_run[0].task, plan.summary)
-            busy = {row.experiment for row in plan.to_run}
-            latest = {name: self.store.latest(name) for name in {row.experiment for row in plan.rows} - busy}
-            for row in plan.rows:
-                if row.experiment in busy or (key := plan.keys[row.task].value) is None:
-                    continue
-                last = plan.last(row.task)
-                if latest[row.experiment].get((row.stage, row.recording)) != last:
-                    with self.store.experiment(row.experiment):
-                        self.store.note_latest(row.task, *last)
-                outcome = Outcome(*row.task, row.state, key)
-                log(plan.session, "ended", **asdict(outcome))
-                self.note(outcome)
-            self.heard = (plan.session.folder / LOG).stat().st_size
-            self.held = held.pop_all()
+        log(plan.session, "run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
+        if plan.to_run:
+            self.show("planned", plan.to_run[0].task, plan.summary)
+        busy = {row.experiment for row in plan.to_run}
+        latest = cache(self.store.latest)
+        for row in (row for row in plan.rows if row.experiment not in busy):
+            last = plan.last(row.task)
+            if latest(row.experiment).get(row.task[1:]) != last:
+                with self.store.writing(), self.store.experiment(row.experiment):
+                    self.store.note_latest(row.task, *last)
+            outcome = Outcome(*row.task, row.state, last.key)
+            log(plan.session, "ended", **asdict(outcome))
+            self.note(outcome)
+        self.heard = (plan.session.folder / LOG).stat().st_size
         needs: dict[str, set[str]] = {row.experiment: set() for row in plan.to_run}
         size = dict.fromkeys(needs, 0)
         for row in plan.to_run:
@@ -196,13 +191,8 @@ class _SessionRun:
             needs[row.experiment] |= (others - {row.experiment}) & needs.keys()  # a variant takes results of its base
             found = (entry for each in plan.keys[row.task].ingredients["inputs"] for entry in each.get("files", ()))
             size[row.experiment] += sum(entry["size"] for entry in found)
-        # Those with most to read, with what waits for them, run first, so that all workers end together; the bytes
-        # of the files are all that is known of an experiment before it has run.
-        behind = dict.fromkeys(needs, 0)
-        for name in reversed(needs):  # the plan lists inputs first
-            for needed in needs[name]:
-                behind[needed] = max(behind[needed], size[name] + behind[name])
-        self.waiting = dict(sorted(needs.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
+        # those with most to read first, so that all workers end together; bytes are all that is known before a run
+        self.waiting = dict(sorted(needs.items(), key=lambda item: size[item[0]], reverse=True))
 
     def end(self) -> RunResult:
         """Write the end into the log and sum up."""
@@ -217,7 +207,6 @@ class _SessionRun:
             self.plan if holds_still else None,
         )
         log(self.plan.session, "run finished", exit_code=result.exit_code)
-        self.held.close()
         return result
 
     # --- running ---

@@ -11,6 +11,7 @@ Versions of the file, newest first:
 """
 
 import re
+import textwrap
 import unicodedata
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -32,8 +33,6 @@ VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
 FILE_NAME = "session.toml"
 
-_MOST_NAMES = 4
-"""Names of files shown of one experiment."""
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
 
@@ -124,9 +123,8 @@ class Session(ShownAsTable):
         rows: list[tuple[str, ...]] = []
         for one in self.experiments.values():
             texts = (node for node in nodes(msgspec.to_builtins(one.settings)) if isinstance(node, str))
-            names = [text for text in texts if Path(text).suffix and not text.startswith(REFERENCE)]
-            more = [f"and {len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
-            rows.append((one.name, one.kind.replace("_", " "), ", ".join(names[:_MOST_NAMES] + more)))
+            names = ", ".join(text for text in texts if Path(text).suffix and not text.startswith(REFERENCE))
+            rows.append((one.name, one.kind.replace("_", " "), textwrap.shorten(names, 120, placeholder=" …")))
         rows += [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
         remarks = [f"recorded by {self.operator}"] if self.operator else []
         remarks += ["synthetic data"] if self.synthetic else []

@@ -161,7 +161,7 @@ class Shelf:
         """Return the key of a figure: everything on which it depends, as one digest."""
         parts = {
             "figure": [figure.id, figure.arguments, self.with_data],
-            "code": behind(figure.function, "pipelines.experiments", "pipelines.rig", is_page=True),
+            "code": behind(figure.function, "pipelines.experiments", "pipelines.rig"),
             "results": result_keys(self.plan, self.session, figure.needs) if self.plan is not None and names else {},
         }
         return hashlib.sha256(files.canonical(parts).encode()).hexdigest()

@@ -13,7 +13,7 @@ from labpipe.workflow.graph import Stages
 from labpipe.workflow.plan import KEPT, READY, Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import AMENDED, Store
+from labpipe.workflow.store import AMENDED, Store, key_of
 from pipelines import experiments
 from pipelines.experiments import Picture
 from pipelines.session._session_checks import unused_files
@@ -55,7 +55,7 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     verdicts = stored_verdicts(results)
     amend_pages(results, verdicts)
     path = session.folder / PAGE
-    code = behind(f"{__name__}:{_page.__name__}", "pipelines.experiments", is_page=True)
+    code = behind(f"{__name__}:{_page.__name__}", "pipelines.experiments")
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
     pages = {row.experiment: (session.folder / page_name(row.experiment)).is_file() for row in plan.rows}
     rows = [[*row.task, row.state, plan.keys[row.task].value, pages[row.experiment]] for row in plan.rows]
@@ -238,7 +238,7 @@ def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     known = store.amended()
     if not known and not any(one.findings for one in verdicts.values()):
         return
-    code = behind(f"{__name__}:{_amended.__name__}", is_page=True).digest
+    code = key_of(behind(f"{__name__}:{_amended.__name__}"))
     kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
     for name, one in verdicts.items():
         path = store.folder / page_name(name)

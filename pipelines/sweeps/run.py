@@ -19,6 +19,7 @@ from labpipe.variables import variable
 from labpipe.workflow import code
 from labpipe.workflow.engines import Died, choose, processors, side_by_side
 from labpipe.workflow.fields import suggest
+from labpipe.workflow.store import key_of
 from pipelines.simulator_inputs import material
 from pipelines.sweeps.simulators import DRAW, SIMULATORS, Design, Outputs, Parameter, Value
 
@@ -120,7 +121,7 @@ def sweep(
         raise UsageError(f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc")
     parts = path.with_name(f"{path.stem}.parts")
     function, size = SIMULATORS[plan.simulator].run, max(BLOCK, ceil(plan.count / MOST_BLOCKS))
-    identity = code.behind(f"{function.__module__}:{function.__name__}").digest
+    identity = key_of(code.behind(f"{function.__module__}:{function.__name__}"))
     # the name of a material alone does not say what was simulated
     solids = {str(name): material(str(name)) for name in plan.axes.get("material") or [plan.fixed["material"]]}
     contents = {name: [one.E_relaxed, one.E.tolist(), one.rho.tolist(), one.nu] for name, one in solids.items()}

@@ -35,7 +35,7 @@ def run(folder: Path) -> tuple[int, list[str]]:
 
 
 def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(tmp_path: Path, amount: Amount) -> None:
-    calm = toy.make_session(tmp_path / "calm")
+    calm = toy.make_session(tmp_path / "calm", toy.SMALL)
     assert run(calm.root) == (0, [])
     expected = toy.contents(calm)
     used = sum(f.stat().st_size for f in calm.root.rglob("*") if f.is_file())
@@ -43,7 +43,7 @@ def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(tmp_path: Path
     refused = 0
     for pages in sizes[1:]:
         with small_disk(tmp_path / "disk", ROOMY) as disk:
-            session = toy.make_session(disk / "session")
+            session = toy.make_session(disk / "session", toy.SMALL)
             inputs = sum(-(-f.stat().st_size // 4096) + 1 for f in disk.rglob("*"))
             resize(disk, (inputs + pages) * 4096)
             code, texts = run(session.root)

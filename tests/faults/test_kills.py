@@ -107,15 +107,15 @@ def test_a_run_killed_before_any_operation_is_finished_by_the_next(
 ) -> None:
     """Results, records, pages, the index and the log: each is killed while it is written."""
     run = PROGRAMS[program]
-    calm = toy.make_session(tmp_path / "calm")
+    calm = toy.make_session(tmp_path / "calm", toy.SMALL)
     total = operations(tmp_path, lambda: run(calm.root))
     assert total is not None
-    assert total > 100
+    assert total > 50
     expected = toy.contents(calm)
     assert expected
     chosen, killed = moments(total, amount(6, 300)), 0
     for last in chosen:
-        session = toy.make_session(tmp_path / str(last))
+        session = toy.make_session(tmp_path / str(last), toy.SMALL)
         done = operations(session.root, lambda folder=session.root: run(folder), last)
         # a file is looked at again when it is young, so that a slower run does more
         assert done is None or done < last
@@ -154,7 +154,7 @@ def damage(session: toy.Session) -> None:
 def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
     tmp_path: Path, disk: str, store: str, amount: Amount
 ) -> None:
-    calm = toy.make_session(tmp_path / "calm")
+    calm = toy.make_session(tmp_path / "calm", toy.SMALL)
     run_toys(calm.root)
     expected = toy.contents(calm)
     if store == "damaged":
@@ -164,7 +164,7 @@ def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
     total = operations(tmp_path, lambda: run_toys(calm.root))
     assert total
     for first in moments(total, amount(3, 40)):
-        session = toy.make_session(tmp_path / str(first))
+        session = toy.make_session(tmp_path / str(first), toy.SMALL)
         if store == "damaged":
             run_toys(session.root)
             damage(session)

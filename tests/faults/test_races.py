@@ -34,11 +34,11 @@ def run_toys(folder: Path, delay: float = 0.0) -> str:
 
 
 def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: Amount) -> None:
-    calm = toy.make_session(tmp_path / "calm")
+    calm = toy.make_session(tmp_path / "calm", toy.SMALL)
     total = int(run_toys(calm.root))
     expected = toy.contents(calm)
     for n in range(amount(2, 200)):
-        session = toy.make_session(tmp_path / str(n))
+        session = toy.make_session(tmp_path / str(n), toy.SMALL)
         late = 0.01 * (n % 20)
         made = at_once(
             [

@@ -200,7 +200,7 @@ def test_verbs_on_a_session_show_what_they_found(processed_session: Path, tmp_pa
 def test_a_result_per_recording_names_the_recordings(processed_session: Path) -> None:
     with pytest.raises(InputError, match=r'name one of them: "laser/drop_1.csv", "laser/drop_2'):
         lp.result(processed_session, "drop", "bounces")
-    with pytest.raises(InputError, match=r'no recording "drop_9.csv"; there are "laser/drop_1'):
+    with pytest.raises(InputError, match=r'name one of them: "laser/drop_1.csv", "laser/drop_2'):
         lp.result(processed_session, "drop", "bounces", "drop_9.csv")
     with pytest.raises(InputError, match='one result of all recordings; ask for it without "x"'):
         lp.result(processed_session, "drop", "repeats", "x")

@@ -20,7 +20,6 @@ FILES = (
     "toys/kinds/shared/inside/words.py",
     "toys/kinds/drop/steps.py",
     "toys/kinds/drop/style.css",
-    "toys/kinds/drop/data.toml",
     "toys/kinds/drop/notes.md",
     "toys/documentation/guide.txt",
     "toys/kinds/plate/steps.py",
@@ -40,37 +39,33 @@ def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("name", "package", "of_pages"),
+    ("name", "package"),
     [
-        ("toys/kinds/drop/steps.py", "toys.kinds.drop", False),
-        ("toys/kinds/drop/style.css", "toys.kinds.drop", True),
-        ("toys/kinds/drop/data.toml", "toys.kinds.drop", False),
-        ("toys/kinds/drop/notes.md", "", False),
-        ("toys/documentation/guide.txt", "", False),
-        ("toys/kinds/shared/inside/words.py", "toys.kinds.shared.inside", False),
-        ("toys/kinds/__init__.py", "toys.kinds", False),
-        ("toys/__init__.py", "toys", False),
-        ("toys/kinds/plate/steps.py", "", False),
-        ("toys/other/__init__.py", "", False),
+        ("toys/kinds/drop/steps.py", "toys.kinds.drop"),
+        ("toys/kinds/drop/style.css", "toys.kinds.drop"),
+        ("toys/kinds/drop/notes.md", ""),
+        ("toys/documentation/guide.txt", ""),
+        ("toys/kinds/shared/inside/words.py", "toys.kinds.shared.inside"),
+        ("toys/kinds/__init__.py", "toys.kinds"),
+        ("toys/__init__.py", "toys"),
+        ("toys/kinds/plate/steps.py", ""),
+        ("toys/other/__init__.py", ""),
     ],
 )
 def test_a_changed_file_counts_for_the_functions_of_its_package(
-    toys: Path, monkeypatch: pytest.MonkeyPatch, name: str, package: str, of_pages: bool
+    toys: Path, monkeypatch: pytest.MonkeyPatch, name: str, package: str
 ) -> None:
-    before = {is_page: code.behind(DROP, is_page=is_page) for is_page in (False, True)}
+    before = code.behind(DROP)
     (toys / name).write_text("a = 1  # as before\n")
     forget(monkeypatch)
-    for is_page in (False, True):
-        after = code.behind(DROP, is_page=is_page).packages
-        changed = {n for n in after if after[n] != before[is_page].packages[n]}
-        assert changed == ({package} if package and (is_page or not of_pages) else set())
-        assert (code.behind(DROP, is_page=is_page).digest == before[is_page].digest) == (not changed)
+    after = code.behind(DROP)
+    assert {name for name in after if after[name] != before[name]} == {package} - {""}
 
 
 def test_every_kind_has_the_foundations_itself_and_what_is_shared() -> None:
     for kind in KINDS.values():
         for stage in kind.stages:
-            packages = code.behind(stage.function).packages
+            packages = code.behind(stage.function)
             assert {"labpipe", "labpipe.contact", "instruments.keyence", "calibration"} <= set(packages)
             assert "pipelines.experiments.shared" in packages
             others = {f"pipelines.experiments.{other}" for other in KINDS} & set(packages)
@@ -79,21 +74,20 @@ def test_every_kind_has_the_foundations_itself_and_what_is_shared() -> None:
 
 def test_libraries_count_by_their_version(monkeypatch: pytest.MonkeyPatch) -> None:
     before = code.behind(DROP)
-    assert before.libraries["numpy"]
+    assert before["numpy (library)"]
     code.behind.cache_clear()
     monkeypatch.setattr(code, "version", lambda name: "1.2.3")
     after = code.behind(DROP)
-    assert set(after.libraries.values()) == {"1.2.3"}
-    assert after.digest != before.digest
+    assert {name for name in after if after[name] != before[name]} == {f"{name} (library)" for name in code.LIBRARIES}
     code.behind.cache_clear()
 
 
 def test_a_plug_in_that_reads_files_counts_for_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     forget(monkeypatch)
-    assert "toy_vibrometer" not in code.behind(DROP).packages
+    assert "toy_vibrometer" not in code.behind(DROP)
     monkeypatch.syspath_prepend(ROOT / "tests/plugins/toy_instrument")
     forget(monkeypatch)
-    assert "toy_vibrometer" in code.behind(DROP).packages
+    assert "toy_vibrometer" in code.behind(DROP)
     monkeypatch.undo()
     forget(monkeypatch)
 

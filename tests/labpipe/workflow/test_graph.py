@@ -62,4 +62,4 @@ def test_the_files_and_parameters_of_a_list_of_tables_are_joined() -> None:
     campaign = Campaign([Part(["a", "b"], 1.0), Part(["c"], 2.0)])
     assert field_value(campaign, "drops.laser") == ["a", "b", "c"]
     flat = parameters(stage("a", parameters=("drops.height",)), msgspec.to_builtins(campaign))
-    assert flat == {"drops.height": [1.0, 2.0]}
+    assert flat == {"drops[0].height": 1.0, "drops[1].height": 2.0}

@@ -152,15 +152,9 @@ def test_what_was_kept_is_read_by_others_until_the_code_changes_again(laboratory
     assert laboratory.plan(keep=None)["read"][0] == "kept"
     assert laboratory.value("read") == 3.0
     laboratory.write(100)
-    assert laboratory.plan(keep=None)["read"][0] == "will run"
-
-
-def test_without_keep_a_kept_result_is_made_again(laboratory: Laboratory) -> None:
-    laboratory.write(10)
-    laboratory.run(keep=True)
-    assert laboratory.plan()["read"][0] == "will run"
+    assert laboratory.plan(keep=None)["read"][0] == laboratory.plan()["read"][0] == "will run"
     assert laboratory.run() == {"read": "done", "double": "done", "report": "done"}
-    assert laboratory.page.endswith("30.0 60.0 kept []")
+    assert laboratory.page.endswith("300.0 600.0 kept []")
 
 
 def test_nothing_is_kept_where_more_than_the_code_has_changed(laboratory: Laboratory) -> None:

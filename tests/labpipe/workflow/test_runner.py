@@ -1,5 +1,6 @@
 """A run computes what is missing; failures, kills and other processes leave nothing wrong."""
 
+import importlib.util
 import json
 import os
 import re
@@ -68,9 +69,16 @@ def finish(process: "subprocess.Popen[str]", code: int = 0) -> str:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """What an undisturbed run leaves: netCDF files and pages by their names."""
+    """What an undisturbed run leaves: netCDF files and pages by their names.
+
+    A script without a ``__main__`` guard makes it, and runs once.
+    """
     session = toy.make_session(tmp_path_factory.mktemp("undisturbed"))
-    finish(drive(session.root))
+    script = session.root / "script.py"
+    script.write_text(DRIVER)
+    command = [sys.executable, str(script), str(session.root), "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.count("ready") == 1
     return toy.contents(session)
 
 
@@ -170,10 +178,9 @@ REST = {
 }
 
 
-@pytest.mark.parametrize("jobs", [0, 2])
-def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(tmp_path: Path, jobs: int) -> None:
+def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(tmp_path: Path) -> None:
     session = troubled(tmp_path, "scale:number")
-    result = run_here(session, jobs)
+    result = run_here(session)
     assert result.exit_code == 1
     assert states(result) == REST | {
         "acrylic/read [laser/r1.txt]": "done",
@@ -192,9 +199,9 @@ def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(tmp_path: Pa
     assert "text='unexpected ZeroDivisionError: by zero'" in page
     assert "Failed(stage='mean', recording=None" in page
     # The next run tries again, and a repaired session gives a page without failures.
-    assert states(run_here(session, jobs))["acrylic/scale [laser/r1.txt]"] == "failed"
+    assert states(run_here(session))["acrylic/scale [laser/r1.txt]"] == "failed"
     repaired = toy.reload_session(tmp_path)
-    assert run_here(repaired, jobs).exit_code == 0
+    assert run_here(repaired).exit_code == 0
     assert "Failed" not in (session.folder / "reports" / "acrylic.html").read_text()
 
 
@@ -213,12 +220,11 @@ def test_a_result_that_is_not_one_is_a_failure(tmp_path: Path, trouble: str) -> 
 def test_a_failure_in_another_experiment_is_told(tmp_path: Path) -> None:
     text = toy.TOML.replace('sweep = "dma.txt"', 'sweep = "dma.txt"\ntrouble = "sweep:number"')
     session = toy.make_session(tmp_path, text)
-    for jobs in (0, 2):
-        result = run_here(session, jobs)
-        assert states(result)["nbr/mean"] == "skipped"
-        assert states(result)["nbr/page"] == "done"
-        page = (session.folder / "reports" / "nbr.html").read_text()
-        assert "Failed(stage='rubber/curve', recording=None, text='unexpected ZeroD" in page
+    result = run_here(session, 2)
+    assert states(result)["nbr/mean"] == "skipped"
+    assert states(result)["nbr/page"] == "done"
+    page = (session.folder / "reports" / "nbr.html").read_text()
+    assert "Failed(stage='rubber/curve', recording=None, text='unexpected ZeroD" in page
     # Only the other one is wanted; what it needs fails all the same.
     assert states(run_here(session, only=["nbr"], targets=["mean"]))["nbr/mean"] == "skipped"
 
@@ -230,17 +236,18 @@ def test_a_stage_does_without_what_it_may_lack_unless_the_run_was_at_fault(
     session = toy.make_session(tmp_path, toy.TOML.replace('"dma.txt"', f'"dma.txt"\ntrouble = "sweep:{how}"'))
     page, mean, *others = toy.DROP
     stages = {"drop": (page, replace(mean, may_lack=("other:material/curve",)), *others), "dma": toy.DMA}
-    for jobs in (0, 2):
-        result = run_here(session, jobs, stages)
-        assert states(result)["nbr/mean"] == (state if jobs == 0 or state == "skipped" else "cached")
+    assert states(run_here(session, stages=stages))["nbr/mean"] == state
     assert states(run_here(toy.reload_session(tmp_path), stages=stages))["nbr/mean"] == "done"
 
 
-def test_a_schema_that_is_not_given_is_refused_before_anything_runs(session: Session) -> None:
+def test_what_a_run_cannot_begin_with_is_refused_before_anything_runs(session: Session) -> None:
     with pytest.raises(InputError, match='stage "mean" of "drop" names the unknown schema "toy"'):
         run(session, toy.STAGES, schemas={"tyo": Schema("tyo")})
     with pytest.raises(InputError, match="jobs must be at least 0"):
         run_here(session, -1)
+    if importlib.util.find_spec("distributed"):
+        with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
+            run_here(session, cluster="nonsense://127.0.0.1:1")
     assert not session.folder.exists()
 
 
@@ -284,15 +291,12 @@ def sessions(folder: Path) -> list[Session]:
     ]
 
 
-@pytest.mark.parametrize("jobs", [0, 3])
-def test_sessions_side_by_side_each_end_in_their_own_way(tmp_path: Path, jobs: int) -> None:
+def test_sessions_side_by_side_each_end_in_their_own_way(tmp_path: Path) -> None:
     told: list[Event] = []
     found = sessions(tmp_path)
     ended = {
         session.root.name: done
-        for session, done in run_all(
-            found, toy.STAGES, schemas=toy.SCHEMAS, jobs=jobs, only=["nbr"], progress=told.append
-        )
+        for session, done in run_all(found, toy.STAGES, schemas=toy.SCHEMAS, jobs=3, only=["nbr"], progress=told.append)
     }
     assert isinstance(ended["short"], UsageError)
     for name in ("whole", "troubled"):
@@ -301,7 +305,7 @@ def test_sessions_side_by_side_each_end_in_their_own_way(tmp_path: Path, jobs: i
         assert set(states(done).values()) == {"done"}
         assert len(states(done)) == 5
     assert {event.session.name for event in told} == {"whole", "troubled"}
-    again = [run_here(session, jobs) for session in found[:2]]
+    again = [run_here(session) for session in found[:2]]
     assert [done.exit_code for done in again] == [0, 1]
 
 
@@ -345,12 +349,6 @@ def test_a_session_that_a_machine_does_not_see_is_named(tmp_path: Path) -> None:
         work(job, "nbr", frozenset(), {})
 
 
-def test_a_cluster_that_does_not_answer_is_named(session: Session) -> None:
-    pytest.importorskip("distributed", reason="the extra cluster is not installed")
-    with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
-        run_here(session, cluster="nonsense://127.0.0.1:1")
-
-
 # --- disk --------------------------------------------------------------------------------------
 
 
@@ -375,25 +373,17 @@ def test_a_folder_that_cannot_be_written_is_named(session: Session) -> None:
 # --- inputs that change ---------------------------------------------------------------------------
 
 
-def test_an_input_that_changes_while_read_is_read_once_more_and_then_refused(tmp_path: Path) -> None:
-    session = troubled(tmp_path / "once", "read:written once")
+def test_an_input_that_changes_while_it_is_read_is_refused_and_read_by_the_next_run(tmp_path: Path) -> None:
+    session = troubled(tmp_path, "read:written once")
+    failures = run_here(session).failures
+    assert {o.message.partition(":")[2][:25] for o in failures} == {" still being written: its"}
+    assert {o.exit_code for o in failures} == {3}
     assert run_here(session).exit_code == 0
     values = open_result(session, toy.STAGES, "acrylic", "read", "laser/r1.txt")["z"].to_numpy().tolist()
     assert (len(values), values[-1]) == (6, 9.0)
-    failure = run_here(troubled(tmp_path / "always", "read:written")).failures[0]
-    assert failure.message.startswith("laser/r1.txt: still being written: its content changed")
-    assert failure.exit_code == 3
 
 
 # --- processes ---------------------------------------------------------------------------------
-
-
-def test_a_script_without_a_main_guard_runs_once(session: Session, tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text(DRIVER)
-    command = [sys.executable, str(script), str(session.root), "2"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.count("ready") == 1
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_session_toml_has_the_last_word(small_session: Path, tmp_path: Path) -> 
     ("mass", "stated", "message"),
     [
         ("abc", STATED, r'masses.xlsx, sheet balance, row 5: .*abc.*; correct the cell in column "m / g", or write '),
-        (-3, STATED, r"session.toml:\d+: experiments.drop.sphere.mass: must be > 0, found -3"),
+        (-3, STATED, r"session.toml:\d+: experiments.drop.sphere.mass: must be > 0 kg, found -3"),
         (505, STATED.replace("A3", "A7"), r'sheet balance: no row is "A7" in column "Specimen"'),
         (505, STATED.replace('drop = "A3"', 'dorp = "A3"'), r'there is no experiment "dorp"; did you mean "drop"'),
         (505, STATED.replace('"m / g"', '"mass / g"'), r'no row of headings has "mass / g"; correct the headings here'),
