@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 from labpipe.errors import InputError
 from labpipe.report._charts import LineChart
-from labpipe.report._tables import MINUS, Column, Table, number, quantity
+from labpipe.report._tables import MINUS, CellBlock, Column, Table, number, quantity
 
 Level = Literal["ok", "info", "warning", "error"]
 SURE = 1.96
@@ -33,14 +33,9 @@ class Paragraph:
     text: str
     copyable: bool = False
 
-    @property
-    def parts(self) -> list[str]:
-        """The paragraphs."""
-        return [part for part in re.split(r"\n[ \t]*\n", self.text.strip()) if part]
-
 
 @dataclass(frozen=True)
-class Link:
+class Link(CellBlock):
     """A way to another page of the same folder; the cell of a table too.
 
     Attributes
@@ -89,7 +84,7 @@ class KeyValues:
 
 
 @dataclass(frozen=True)
-class Notice:
+class Notice(CellBlock):
     """One message that must not be overlooked; in a table the state of a row.
 
     Attributes
@@ -127,7 +122,7 @@ class Details:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Picture(CellBlock):
     """A picture with its caption.
 
     Attributes

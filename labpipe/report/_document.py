@@ -14,22 +14,19 @@ import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
-from labpipe.report._blocks import Block, Details, Deviations, Notice, Picture, Section
+from labpipe.report._blocks import Block, Details, Deviations, Notice, Paragraph, Picture, Section
 from labpipe.report._charts import LineChart
 from labpipe.report._tables import Table, clean, table_view
+from labpipe.report._templates import asset, environment, fill
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
     from markupsafe import Markup
 
-_SCRIPTS = ("uplot.min.js", "page.js", "charts.js")
-_STYLES = ("uplot.min.css", "page.css")
+_SCRIPTS, _STYLES = ("uplot.min.js", "page.js", "charts.js"), ("uplot.min.css", "page.css")
 # A page above this is slow to open and refused by many mail servers.
 MAX_PAGE_BYTES = 3_000_000
 # More than this for one chart is finer than any screen, and slow to decode on a phone; the least keeps its whole range.
@@ -86,7 +83,7 @@ class Document:
         thinned = [thin(chart, _MAX_CHART_BYTES) for chart in charts]
         stills = [Picture(static_picture(one), "").address for one in thinned]
         islands: list[dict[str, Any]] = [{} for _ in charts]
-        page, scripts = _environment().get_template("page.html"), [_asset(name) for name in _SCRIPTS]
+        page, scripts = environment().get_template("page.html"), [asset(name) for name in _SCRIPTS]
         hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
         digests = " ".join(f"'sha256-{one}'" for one in hashes)
 
@@ -96,14 +93,13 @@ class Document:
                 {"title": s.title, "anchor": anchor, "blocks": [_shown(block, parts) for block in s.blocks]}
                 for s, anchor in zip(self.sections, _anchors(self.sections), strict=True)
             ]
-            # the kit's own files; a test holds them free of closing tags
             return page.render(
                 title=self.title,
                 badge=self.badge,
                 body=fill("document", page=self, sections=shown),
                 policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests}; "
                 "base-uri 'none'; form-action 'none'",
-                styles=[Markup(_asset(name)) for name in _STYLES],  # noqa: S704
+                styles=[Markup(asset(name)) for name in _STYLES],  # noqa: S704
                 scripts=[Markup(script) for script in scripts],  # noqa: S704
             )
 
@@ -155,6 +151,8 @@ def _shown(block: Any, charts: Iterator[Any]) -> "Markup":
             alt = f"{block.title}: {block.y_label} against {block.x_label}; {', '.join(s.name for s in block.series)}"
             more = {"anchor": f"chart-{number}", "views": views, "notes": thinned.notes, "still": still}
             more |= {"alt": alt, "island": island}
+        case Paragraph():
+            more = {"parts": [part for part in re.split(r"\n[ \t]*\n", block.text.strip()) if part]}
         case Details():
             more = {"blocks": [_shown(inside, charts) for inside in block.blocks]}
         case Deviations():
@@ -215,9 +213,6 @@ def _anchors(sections: Sequence[Section]) -> list[str]:
     return taken
 
 
-# --- HTML ---------------------------------------------------------------------------------------
-
-
 def clean_all(data: Any) -> Any:
     """Apply :func:`clean` to every text in nested lists and dicts."""
     if isinstance(data, Mapping):
@@ -225,34 +220,6 @@ def clean_all(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [clean_all(value) for value in data]
     return clean(data) if isinstance(data, str) else data
-
-
-def fill(macro: str, **values: Any) -> "Markup":
-    """Fill one of the macros of ``templates/blocks.html``; every text in `values` is escaped."""
-    from markupsafe import Markup
-
-    module = _environment().get_template("blocks.html").module
-    return Markup(getattr(module, macro)(**values))  # noqa: S704 - made by the kit's escaping templates
-
-
-@cache
-def _asset(name: str) -> str:
-    return resources.files("labpipe.report").joinpath("assets", name).read_text("utf-8").replace("\r\n", "\n")
-
-
-@cache
-def _environment() -> "Environment":
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(
-        loader=PackageLoader("labpipe.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        # Markup is a text that is already escaped and cleaned.
-        finalize=lambda value: clean(value) if type(value) is str else value,
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """A chart as data for the page: thinned arrays in base64, and a description of how to draw them."""
 
-import base64
 import math
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -118,7 +118,7 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
         "group": chart.group,
         "views": [[a, b] for _, a, b in chart.views],
         "lines": [[n, x] for n, x in chart.vlines],
-        "axes": [_base64(thinned.series[members[0]].x, "<f8") for members in axes],
+        "axes": [b64encode(thinned.series[m[0]].x.astype("<f8").tobytes()).decode() for m in axes],
         "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
     }
 
@@ -205,8 +205,5 @@ def _packed_curve(curve: "Floats") -> dict[str, Any]:
         middle = low + (high - low) / 2
         offset = middle if abs(middle) > _OFFSET_RATIO * (high - low) / 2 else 0.0
     scale = max(abs(low - offset), abs(high - offset)) or 1.0  # float32 ends at 3e38 and loses digits below 1e-38
-    return {"offset": offset, "scale": scale, "data": _base64((curve - offset) / scale, "<f4")}
-
-
-def _base64(array: "Floats", form: str) -> str:
-    return base64.b64encode(array.astype(form).tobytes()).decode("ascii")
+    data = ((curve - offset) / scale).astype("<f4").tobytes()
+    return {"offset": offset, "scale": scale, "data": b64encode(data).decode()}

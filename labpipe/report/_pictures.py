@@ -12,10 +12,10 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.report._charts import LineChart
-from labpipe.report._document import fill
 from labpipe.report._packing import Drawn, ThinnedChart, padded_range, thin
 from labpipe.report._style import COLUMN_WIDTHS_MM
 from labpipe.report._tables import MINUS, clean, power_of_ten
+from labpipe.report._templates import fill
 from labpipe.report._thinning import kept_samples
 
 UNITS = 20

@@ -11,12 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from statistics import median
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from labpipe.errors import InputError
-
-if TYPE_CHECKING:
-    from labpipe.report._blocks import Link, Notice, Picture
 
 NOT_AVAILABLE = "–"
 MINUS = "\N{MINUS SIGN}"
@@ -224,7 +221,11 @@ def _not_finite(value: float) -> str:
     return "∞" if value > 0 else f"{MINUS}∞"
 
 
-Cell: TypeAlias = "float | int | str | bool | tuple[float | None, float | None] | Link | Notice | Picture | None"
+class CellBlock:
+    """A block of a page that may be the cell of a table as well: a Link, a Notice, a Picture."""
+
+
+Cell = float | int | str | bool | tuple[float | None, float | None] | CellBlock | None
 """A pair is a value with its standard uncertainty."""
 
 
@@ -324,7 +325,7 @@ class CellView(NamedTuple):
     text: str
     key: str = ""
     is_number: bool = False
-    block: "Link | Notice | Picture | None" = None
+    block: CellBlock | None = None
 
 
 class HeadingView(NamedTuple):
