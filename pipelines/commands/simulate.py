@@ -36,7 +36,7 @@ def value_option(name: str, unit: str, text: str, **more: Any) -> Callable[[F], 
         except InputError as error:
             raise click.BadParameter(str(error), context, option) from None
 
-    shown = {"callback": in_si, "metavar": "QUANTITY"} if unit else {}
+    shown: dict[str, Any] = {"callback": in_si, "metavar": "QUANTITY"} if unit else {}
     return click.option(name, help=text, **shown, **more)
 
 
