@@ -15,6 +15,9 @@ Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.mater
 physics. They know no instrument, no calibration and no experiment; this file alone names the
 packages above, and loads each when a name of it is first used. Importing labpipe imports none of
 the numerical libraries.
+
+The modules beside this file hold what all packages share. More than half of their lines keep results whole (atomic
+writes, locks, checksums) and read texts of instruments in any codec and decimal sign, with line and column of an error.
 """
 
 import sys

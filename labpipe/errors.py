@@ -5,7 +5,6 @@ Every message gives the place, the finding, the expectation and the remedy.
 
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from os import PathLike
 from typing import Self
 
@@ -70,7 +69,7 @@ class SourceError(LabpipeError):
     ) -> None:
         self.path, self.message, self.hint = str(path), message, hint
         self.line, self.column, self.offset = line, column, offset
-        super().__init__(self.__str__())
+        super().__init__(path, message)  # so that the error survives a process boundary, with its fields
 
     def __str__(self) -> str:
         """Format as ``file:line:column: message`` with the hint on a line of its own."""
@@ -83,11 +82,6 @@ class SourceError(LabpipeError):
             where += f" at byte {self.offset}"
         text = f"{where}: {self.message}"
         return f"{text}\n  {self.hint}" if self.hint else text
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Rebuild from the fields, so that the error survives a process boundary."""
-        where = {"line": self.line, "column": self.column, "offset": self.offset}
-        return partial(SourceError, self.path, self.message, hint=self.hint, **where), ()
 
 
 class ConfigError(LabpipeError):

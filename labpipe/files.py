@@ -83,7 +83,8 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Da
     def verify(part: Path) -> None:
         found.append(netcdf.verify(part, prepared))
 
-    _replace(Path(path), netcdf.size(prepared), lambda part: netcdf.write(part, prepared), verify)
+    needed = int(prepared.nbytes * 1.05) + 65536  # with the overhead of the format
+    _replace(Path(path), needed, lambda part: netcdf.write(part, prepared), verify)
     return found[0]
 
 
@@ -347,23 +348,17 @@ def canonical(value: Any) -> str:
 
 def seal(value: Any) -> bytes:
     """JSON text with its own SHA-256, so that :func:`unseal` notices any damage."""
-    return _sealed(canonical(value).encode())
+    body = canonical(value)
+    return f'{{"sha256":"{hashlib.sha256(body.encode()).hexdigest()}","body":{body}}}\n'.encode()
 
 
 def unseal(data: bytes) -> Any:
     """Return the value given to :func:`seal`, or None when a single bit differs."""
-    body = data[len(_sealed(b"")) - len(_END) : -len(_END)]
     try:
-        return json.loads(body) if _sealed(body) == data else None
-    except (ValueError, RecursionError):  # sealed, but no JSON that can be read
+        value = json.loads(data)["body"]
+        return value if seal(value) == data else None
+    except (ValueError, RecursionError, LookupError, TypeError):  # damaged, or no JSON that can be read
         return None
-
-
-_END = b"}\n"
-
-
-def _sealed(body: bytes) -> bytes:
-    return b'{"sha256":"%b","body":%b%b' % (hashlib.sha256(body).hexdigest().encode(), body, _END)
 
 
 # --- digests, kept as long as a file is the same ------------------------------------------------

@@ -21,7 +21,6 @@ from labpipe.errors import InputError, StoreError
 
 _MARK = b"labpipe1"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
-_BLOCK = 1 << 20
 _SLACK = 1 << 20
 """Bytes that may be declared beyond the file's size: small variables that were never written."""
 _LARGEST_RATIO = 1100
@@ -44,17 +43,13 @@ def prepare(dataset: xr.Dataset) -> xr.Dataset:
 
 def _storable(name: str, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     kind = values.dtype.kind
-    if kind in "OUT":
-        flat = values.ravel().tolist()
-        if not all(isinstance(item, str) for item in flat):
-            raise InputError(f'variable "{name}" holds Python objects; store numbers or text')
-        return np.array([_text(item) for item in flat], dtype=str).reshape(values.shape)
-    if kind == "c":
-        raise InputError(f'variable "{name}" is complex; store its real and its imaginary part')
+    if kind in "OUT" and all(isinstance(item, str) for item in values.ravel().tolist()):
+        return np.array([_text(item) for item in values.ravel().tolist()], dtype=str).reshape(values.shape)
     if kind not in "fiub" or values.dtype.itemsize > 8 or values.dtype == np.float16:
+        found = "Python objects" if kind == "O" else f"values of type {values.dtype}"
         raise InputError(
-            f'variable "{name}" is of type {values.dtype}; store float32, float64, '
-            "integers, booleans or text (times as numbers in s)"
+            f'variable "{name}" holds {found}; store float32, float64, integers, booleans or text '
+            "(times as numbers in s, complex numbers as two)"
         )
     return values.astype(values.dtype.newbyteorder("="), copy=False)
 
@@ -87,11 +82,6 @@ def _text(text: str) -> str:
     return text.replace("\0", "\u2400").encode("utf-8", "replace").decode("utf-8")
 
 
-def size(dataset: xr.Dataset) -> int:
-    """Bytes that the file will need, the overhead of the format included."""
-    return int(dataset.nbytes * 1.05) + 65536
-
-
 def write(path: Path, prepared: xr.Dataset) -> None:
     """Write a prepared Dataset with checksums, NaN as it is, the marks that :func:`_as_written` needs, and its digest.
 
@@ -121,19 +111,12 @@ def write(path: Path, prepared: xr.Dataset) -> None:
 
 
 def _digest_before(path: Path, end: int) -> bytes:
-    total = hashlib.sha256()
     with path.open("rb") as stream:
-        while end > 0 and (block := stream.read(min(_BLOCK, end))):
-            total.update(block)
-            end -= len(block)
-    return total.digest()
+        return hashlib.sha256(stream.read(end)).digest()
 
 
-def _check_trailer(path: Path) -> bool:
-    """Refuse a file of ours whose bytes have changed; return whether it is one of ours.
-
-    One without our mark has other checks.
-    """
+def _check_trailer(path: Path) -> None:
+    """Refuse a file of ours whose bytes have changed; one without our mark has other checks."""
     end = max(path.stat().st_size - _TRAILER, 0)
     with path.open("rb") as stream:
         stream.seek(max(end - _TRAILER, 0))
@@ -141,7 +124,6 @@ def _check_trailer(path: Path) -> bool:
     # A mark at another place than its own means that bytes were cut off or added behind it.
     if _MARK in found and found[-_TRAILER:] != _MARK + _digest_before(path, end):
         raise StoreError(f"{path}: damaged: its contents do not match its digest; delete it and run again")
-    return _MARK in found
 
 
 def verify(path: Path, prepared: xr.Dataset) -> xr.Dataset:
@@ -159,17 +141,10 @@ def verify(path: Path, prepared: xr.Dataset) -> xr.Dataset:
 def read(path: Path) -> xr.Dataset:
     """Read a file whole after comparing its digest, and the declared sizes with its own."""
     try:
-        is_ours = _check_trailer(path)
+        _check_trailer(path)
         with netCDF4.Dataset(os.fspath(path), "r") as handle:
             _check_sizes(path, handle)
-            if is_ours:
-                return _as_written(handle)
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False, cache=False) as opened:
-            dataset = opened.load()
-        for name, variable in dataset.variables.items():
-            if variable.dtype.kind == "O":  # older releases of xarray return text as objects
-                dataset[name] = variable.astype(str)
-        return dataset.drop_encoding()
+            return _as_written(handle)
     except StoreError:
         raise
     except Exception as error:
@@ -178,7 +153,7 @@ def read(path: Path) -> xr.Dataset:
 
 
 def _as_written(handle: netCDF4.Dataset) -> xr.Dataset:
-    """Read a file of ours, without the conventions of other programs.
+    """Read what a file holds as it is: packed values and times of other programs are not converted.
 
     A session is some thousand small files: by xarray's own reader, which knows all conventions,
     opening them takes longer than many a stage computes.

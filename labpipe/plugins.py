@@ -54,7 +54,8 @@ def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[s
     """
     names = set(taken)
     plugins: list[Plugin[T]] = []
-    for where, entry in sorted(((_distribution(e), e) for e in entries), key=lambda pair: (pair[0], pair[1].name)):
+    owned = ((f"{e.dist.name} {e.dist.version}" if e.dist else "an unknown distribution", e) for e in entries)
+    for where, entry in sorted(owned, key=lambda pair: (pair[0], pair[1].name)):
         try:
             found = entry.load()
         except Exception as error:  # somebody else's code may raise anything
@@ -75,7 +76,3 @@ def tell(plugins: Iterable[Plugin[T]]) -> None:
     for plugin in plugins:
         if plugin.problem:
             warnings.warn(str(plugin), PluginWarning, stacklevel=3)
-
-
-def _distribution(entry: "EntryPoint") -> str:
-    return "an unknown distribution" if entry.dist is None else (f"{entry.dist.name} {entry.dist.version}")

@@ -1,7 +1,7 @@
 """Text files of instruments: encoding, size, completeness, and tables of numbers.
 
 :func:`survey` goes through a file once in pieces: it settles the codec (byte order mark, then strict UTF-8,
-then the codecs that the format declares), refuses control characters, files and lines beyond :class:`Limits`, and
+then the codecs that the format declares), refuses control characters and files and lines beyond a size, and
 notes whether the last line is complete. Then :meth:`TextFile.lines` streams the decoded lines, so that a file of
 150 MB is never whole in memory.
 
@@ -83,21 +83,18 @@ def separators(cells: Iterable[str]) -> Separators:
     proved: set[Separators] = set()
     ambiguous: str | None = None
     for cell in map(str.strip, cells):
-        has_both = "," in cell and "." in cell
         if not ("," in cell or "." in cell) or not cell.strip("+-").replace(",", "").replace(".", "").isdigit():
             continue
-        if has_both:
-            decimal = max(",", ".", key=cell.rfind)
-            thousands = "," if decimal == "." else "."
-            if _GROUPED[thousands].fullmatch(cell):
-                proved.add(Separators(decimal, thousands))
-            continue
-        sign, other = (",", ".") if "," in cell else (".", ",")
-        is_grouped = _GROUPED[sign].fullmatch(cell) is not None
-        if cell.count(sign) == 1 and is_grouped:
+        last, other = (",", ".") if cell.rfind(",") > cell.rfind(".") else (".", ",")
+        if other in cell:
+            if _GROUPED[other].fullmatch(cell):
+                proved.add(Separators(last, other))
+        elif not _GROUPED[last].fullmatch(cell):
+            proved |= {Separators(last, "")} if cell.count(last) == 1 else set()
+        elif cell.count(last) > 1:
+            proved.add(Separators(other, last))
+        else:
             ambiguous = ambiguous or cell
-        elif cell.count(sign) == 1 or is_grouped:
-            proved.add(Separators(other, sign) if is_grouped else Separators(sign, ""))
     decimals = {each.decimal for each in proved}
     if len(decimals) > 1:
         raise InputError(
@@ -160,7 +157,8 @@ def shorten(text: str, length: int = 60) -> str:
 
 # --- files ---------------------------------------------------------------------------------------
 
-_PIECE = 1 << 20  # bytes decoded at a time
+_PIECE = 1 << 20  # characters decoded at a time
+_LONGEST_LINE = 1 << 20  # characters: a thousand times the longest line of a recording
 _MARKS = (  # UTF-32 before UTF-16, because its little-endian mark begins with the UTF-16 one
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -171,17 +169,6 @@ _MARKS = (  # UTF-32 before UTF-16, because its little-endian mark begins with t
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _MARKER = re.compile(r"-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+")  # what an instrument writes in place of a reading
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Sizes beyond which a file is refused before reading: bytes, and characters in a line.
-
-    By default seven times the largest Mach-1 mapping set known, and a thousand times the longest line.
-    """
-
-    max_bytes: int = 1 << 30
-    max_line: int = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,34 +206,32 @@ class TextFile:
             )
 
 
-def survey(
-    path: str | os.PathLike[str], declared: Sequence[str] = ("cp1252",), limits: Limits | None = None
-) -> TextFile:
+def survey(path: str | os.PathLike[str], declared: Sequence[str] = ("cp1252",), max_bytes: int = 1 << 30) -> TextFile:
     """Settle the codec of a text file and whether it is complete, without keeping its text.
 
     Codecs that the format declares are tried in this order, where there is no byte order mark and it is not UTF-8.
+    By default, files of up to seven times the size of the largest Mach-1 mapping set known are read.
 
     Raises SourceError: the file is missing, empty, too large, holds a control character or a line beyond the limit, or
     none of the codecs decodes it.
     """
-    limits = limits or Limits()
     path = Path(path)
     head = first_bytes(path)
     size = path.stat().st_size
     if size == 0:
         raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
-    if size > limits.max_bytes:
+    if size > max_bytes:
         raise SourceError(
             path,
-            f"the file has {size} bytes, at most {limits.max_bytes} are read",
-            hint="If it really is a recording, raise Limits(max_bytes=…).",
+            f"the file has {size} bytes, at most {max_bytes} are read",
+            hint="A recording of this size is not read; split it.",
         )
     marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None) or unmarked_codec(head)
     candidates = (marked,) if marked else ("utf-8", *declared)
     failures = []
     for encoding in candidates:
         try:
-            n_lines, is_ended = _scan(path, encoding, limits)
+            n_lines, is_ended = _scan(path, encoding)
         except UnicodeError as error:
             failures.append(f"{encoding} ({error})")
             continue
@@ -287,36 +272,32 @@ def first_bytes(path: Path, count: int = 512) -> bytes:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
 
 
-def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
+def _scan(path: Path, encoding: str) -> tuple[int, bool]:
     """Count lines and refuse control characters (damage, or no text at all) and long lines.
 
     UnicodeError when the codec does not fit.
     """
-    n_ends, begun = 0, 0  # line ends so far, and characters after the last one
-    text = ""
+    n_ends = begun = 0  # line ends so far, and characters after the last one
     with path.open(encoding=encoding, errors="strict", newline=None) as stream:
         while piece := stream.read(_PIECE):
-            text = piece
-            if found := _CONTROL.search(text):
-                line_start = text.rfind("\n", 0, found.start()) + 1
+            if found := _CONTROL.search(piece):
+                above = piece[: found.start()].split("\n")
                 name = "NUL" if found[0] == "\0" else shorten(found[0])
                 raise SourceError(
                     path,
                     f"the control character {name} where text was expected: the file is damaged or binary",
-                    line=n_ends + text.count("\n", 0, found.start()) + 1,
-                    column=found.start() - line_start + 1 + (0 if line_start else begun),
+                    line=n_ends + len(above),
+                    column=len(above[-1]) + 1 + (0 if above[1:] else begun),
                     hint="Copy it from the instrument again.",
                 )
-            lengths = [begun, *map(len, text.split("\n"))]
-            lengths[:2] = [lengths[0] + lengths[1]]
-            if max(lengths) > limits.max_line:
-                line = n_ends + next(i for i, length in enumerate(lengths, 1) if length > limits.max_line)
-                message = f"the line is longer than {limits.max_line} characters"
-                hint = "This is not a table of readings; if it is, raise Limits(max_line=…)."
-                raise SourceError(path, message, line=line, hint=hint)
+            lengths = list(map(len, piece.split("\n")))
+            lengths[0] += begun
+            if max(lengths) > _LONGEST_LINE:
+                line = n_ends + next(i for i, length in enumerate(lengths, 1) if length > _LONGEST_LINE)
+                message = f"the line is longer than {_LONGEST_LINE} characters"
+                raise SourceError(path, message, line=line, hint="This is not a table of readings.")
             n_ends, begun = n_ends + len(lengths) - 1, lengths[-1]
-    is_ended = text.endswith("\n")
-    return n_ends + (not is_ended), is_ended
+    return n_ends + (begun > 0), begun == 0
 
 
 def parse_rows(

@@ -63,23 +63,13 @@ _SPELLINGS = {
     "deg": ("°",),
     "s": ("sec",),
     "um": ("micron",),
-    "um/px": ("um/pixel",),
-    "mm/px": ("mm/pixel",),
-    "m/px": ("m/pixel",),
-    "px": ("pixel", "pixels"),
-    "N mm": ("Nmm",),
-    "N m": ("Nm",),
-    "mN m": ("mNm",),
-    "uN m": ("uNm",),
-    "nN m": ("nNm",),
-    "Pa s": ("Pas",),
-    "mPa s": ("mPas",),
     "1/MPa": ("1/Mpa",),
 }
 _ALIASES = {spelling: name for name, spellings in _SPELLINGS.items() for spelling in spellings}
 
 # The micro sign, Greek mu and the mojibake of cp932 read as cp1252 are all one prefix.
 _SIGNS = {"ƒÊ": "u", "\u00b5": "u", "\u03bc": "u", "⁻": "-", "¹": "1", "²": "2", "³": "3"}
+_TOGETHER = re.compile(r"^([mun]?(?:N|Pa))(mm?|s)$")
 _PRODUCT = re.compile(r"(?<=[A-Za-z])\s?[·\u22c5\u2219.*-]\s?(?=[A-Za-z])")
 _INVERSE = re.compile(r"(^|\S) ?\b([A-Za-z]+)-(?:1|(2))$")
 
@@ -89,11 +79,12 @@ def plain(text: str) -> str:
 
     Examples
     --------
-    >>> plain("µN.m"), plain("rad·s⁻¹"), plain("N mm^-2"), plain("MPa-1"), plain("m/s²")
-    ('uN m', 'rad/s', 'N/mm2', '1/MPa', 'm/s2')
+    >>> plain("µN.m"), plain("rad·s⁻¹"), plain("N mm^-2"), plain("MPa-1"), plain("m/s²"), plain("Nmm")
+    ('uN m', 'rad/s', 'N/mm2', '1/MPa', 'm/s2', 'N mm')
     """
     for sign, ours in _SIGNS.items():
         text = text.replace(sign, ours)
+    text = _TOGETHER.sub(r"\1 \2", re.sub(r"pixels?", "px", text))
     text = _PRODUCT.sub(" ", re.sub(r"\^(?=[-\d])", "", text))
     return _INVERSE.sub(lambda found: f"{found[1] or '1'}/{found[2]}{found[3] or ''}", text)
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.units import require_positive
+
 if TYPE_CHECKING:
     from labpipe.materials import Prony, Thermal
 
@@ -54,6 +56,7 @@ def ramp_hold_oscillation(
     It presses with the speed ``ramp`` [m/s] to the mean indentation [m]; 0 cycles end with the hold [s], else the
     last one, of ``per_cycle`` samples as all are, ends the history.
     """
+    require_positive("in SI units", mean=mean, frequency=frequency, ramp=ramp)
     pressed = np.linspace(0.0, mean / ramp, _RAMP_SAMPLES)
     held = pressed[-1] + np.geomspace(_FIRST_HOLD, max(hold, _SHORTEST_HOLD), _HOLD_SAMPLES)
     swing = held[-1] + np.linspace(0, cycles / frequency, per_cycle * cycles + 1)[1:]

@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 from labpipe.report._blocks import (
     SURE as SURE,
-    Bars as Bars,
     Block as Block,
     Details as Details,
     Deviations as Deviations,
     Gallery as Gallery,
-    IndexRow as IndexRow,
-    IndexTable as IndexTable,
     KeyValues as KeyValues,
     Level as Level,
     Link as Link,

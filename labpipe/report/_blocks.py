@@ -1,4 +1,4 @@
-"""Blocks of a page besides tables and charts: texts, notices, pictures, bars, budgets, the index of a session."""
+"""Blocks of a page besides tables and charts: texts, notices, pictures, budgets."""
 
 import base64
 import math
@@ -9,37 +9,13 @@ from typing import Any, Literal, TypeAlias
 
 from labpipe.errors import InputError
 from labpipe.report._charts import LineChart
-from labpipe.report._tables import MINUS, Cell, Column, Table, number, quantity
+from labpipe.report._tables import MINUS, CellBlock, Column, Table, number, quantity
 
 Level = Literal["ok", "info", "warning", "error"]
 SURE = 1.96
 """Standard uncertainties within which 95 % of the differences lie."""
-_WORDS: dict[Level, str] = {"ok": "OK", "info": "Note", "warning": "Warning", "error": "Error"}
 _SIGNATURES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
 _SVG_HEAD = re.compile(rb"\s*(<\?xml[^>]*\?>\s*)?(<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<svg[\s>]", re.DOTALL)
-
-
-def data_address(data: bytes) -> str:
-    """Return a PNG, JPEG or SVG file as an address that holds the picture itself.
-
-    Raises
-    ------
-    InputError
-        The bytes are no such picture.
-    """
-    mime = next((name for signature, name in _SIGNATURES if data.startswith(signature)), "")
-    if not mime and not _SVG_HEAD.match(data[:4096]):
-        start = f"{len(data)} bytes that start with {data[:8]!r}"
-        raise InputError(f"a picture must be a PNG, JPEG or SVG file, found {start}")
-    return f"data:{mime or 'image/svg+xml'};base64,{base64.b64encode(data).decode('ascii')}"
-
-
-def _check_inside(owner: str, href: str) -> None:
-    """Refuse an address that leaves the folder of the page, or names a scheme."""
-    parts = re.split(r"[/\\]", href)
-    if ":" in parts[0] or ".." in parts or parts[0] == "":
-        message = f'{owner}: the page "{href}" must be a path inside the folder of this page, such as drop_1.html'
-        raise InputError(message)
 
 
 @dataclass(frozen=True)
@@ -57,22 +33,17 @@ class Paragraph:
     text: str
     copyable: bool = False
 
-    @property
-    def parts(self) -> list[str]:
-        """The paragraphs."""
-        return [part for part in re.split(r"\n[ \t]*\n", self.text.strip()) if part]
-
 
 @dataclass(frozen=True)
-class Link:
-    """A way to another page of the same folder.
+class Link(CellBlock):
+    """A way to another page of the same folder; the cell of a table too.
 
     Attributes
     ----------
     text : str
         Text of the link.
     href : str
-        Path relative to this page, with ``/``.
+        Path relative to this page, with ``/``; in a table it may be empty: a text with a remark.
     remark : str
         A short text behind it.
 
@@ -88,7 +59,12 @@ class Link:
 
     def __post_init__(self) -> None:
         """Refuse addresses outside the folder of the page."""
-        _check_inside(f'link "{self.text}"', self.href)
+        parts = re.split(r"[/\\]", self.href)
+        if self.href and (":" in parts[0] or ".." in parts or parts[0] == ""):
+            raise InputError(
+                f'link "{self.text}": the page "{self.href}" must be a path inside the folder of this page, '
+                "such as drop_1.html"
+            )
 
 
 @dataclass(frozen=True)
@@ -108,8 +84,8 @@ class KeyValues:
 
 
 @dataclass(frozen=True)
-class Notice:
-    """One message that must not be overlooked.
+class Notice(CellBlock):
+    """One message that must not be overlooked; in a table the state of a row.
 
     Attributes
     ----------
@@ -124,11 +100,6 @@ class Notice:
     level: Level
     text: str
     anchor: str = ""
-
-    @property
-    def word(self) -> str:
-        """The level in words."""
-        return _WORDS[self.level]
 
 
 @dataclass(frozen=True)
@@ -151,7 +122,7 @@ class Details:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Picture(CellBlock):
     """A picture with its caption.
 
     Attributes
@@ -174,7 +145,12 @@ class Picture:
 
     def __post_init__(self) -> None:
         """Refuse bytes that are no picture."""
-        object.__setattr__(self, "address", data_address(self.data))
+        mime = next((name for signature, name in _SIGNATURES if self.data.startswith(signature)), "")
+        if not mime and not _SVG_HEAD.match(self.data[:4096]):
+            start = f"{len(self.data)} bytes that start with {self.data[:8]!r}"
+            raise InputError(f"a picture must be a PNG, JPEG or SVG file, found {start}")
+        data = base64.b64encode(self.data).decode("ascii")
+        object.__setattr__(self, "address", f"data:{mime or 'image/svg+xml'};base64,{data}")
 
 
 @dataclass(frozen=True)
@@ -208,85 +184,6 @@ class Gallery:
                 f'gallery "{self.title}": start frame {self.start} of {len(self.frames)} frames; '
                 "expected at least one frame and a start among them"
             )
-
-
-@dataclass(frozen=True)
-class Bars:
-    """Shares as horizontal bars (an uncertainty budget).
-
-    Attributes
-    ----------
-    title : str
-        Quantity that is shared out.
-    rows : sequence of (name, share)
-        Share between 0 and 1, shown in per cent at the bar's end.
-    """
-
-    title: str
-    rows: Sequence[tuple[str, float]]
-
-
-@dataclass(frozen=True)
-class IndexRow:
-    """One experiment on the session's page.
-
-    Attributes
-    ----------
-    name : str
-        The experiment.
-    state : str
-        "done", "failed", "waiting for files", ...
-    level : {"ok", "info", "warning", "error"}
-        How the state is coloured.
-    href : str
-        Path of its page relative to the index, with ``/``; empty when there is none.
-    metrics : sequence of float, int, str, bool or None
-        One cell for each metric column, numbers in SI.
-    thumbnail : bytes or None
-        A small PNG, JPEG or SVG file (:func:`labpipe.report.thumbnail`).
-    remark : str
-        A short line below the name (kind of experiment, or why it failed).
-
-    Raises
-    ------
-    InputError
-        `href` leaves the folder of the index, or `thumbnail` is no picture.
-    """
-
-    name: str
-    state: str = "done"
-    level: Level = "ok"
-    href: str = ""
-    metrics: Sequence[Cell] = ()
-    thumbnail: bytes | None = None
-    remark: str = ""
-    address: str = field(init=False, repr=False, default="")
-
-    def __post_init__(self) -> None:
-        """Refuse addresses outside the folder of the index, and bytes that are no picture."""
-        if self.href:
-            _check_inside(f'experiment "{self.name}"', self.href)
-        if self.thumbnail is not None:
-            object.__setattr__(self, "address", data_address(self.thumbnail))
-
-
-@dataclass(frozen=True)
-class IndexTable:
-    """All experiments of a session; a block of the session's page.
-
-    Attributes
-    ----------
-    columns : sequence of Column
-        The metrics.
-    rows : sequence of IndexRow
-        One per experiment; each with one metric per column.
-    caption : str
-        Above the table.
-    """
-
-    columns: Sequence[Column]
-    rows: Sequence[IndexRow]
-    caption: str = ""
 
 
 @dataclass(frozen=True)
@@ -326,20 +223,7 @@ class Deviations:
         return {"rows": rows, "ticks": ticks, "band": (place(-SURE), round(100 * SURE / reach, 2))}
 
 
-Block: TypeAlias = (
-    Paragraph
-    | Link
-    | KeyValues
-    | Notice
-    | Details
-    | Picture
-    | Gallery
-    | Bars
-    | Deviations
-    | Table
-    | IndexTable
-    | LineChart
-)
+Block: TypeAlias = Paragraph | Link | KeyValues | Notice | Details | Picture | Gallery | Deviations | Table | LineChart
 
 
 @dataclass(frozen=True)
@@ -351,7 +235,7 @@ class Section:
     title : str
         Heading, also of the page's contents.
     blocks : sequence of blocks
-        Paragraph, Link, KeyValues, Notice, Details, Picture, Gallery, Bars, Table, LineChart or
+        Paragraph, Link, KeyValues, Notice, Details, Picture, Gallery, Table, LineChart or
         ScatterChart.
     anchor : str, optional
         Name for links (``#name``); made from the title unless given.
@@ -362,13 +246,10 @@ class Section:
     anchor: str | None = None
 
 
-# --- budgets of uncertainty ---------------------------------------------------------------------
-
-
 def budget_table(
     rows: Sequence[Mapping[str, Any]], caption: str, unit: str, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
-    """Show the rows of a budget as a table, and their shares of the variance as bars; nothing without a row.
+    """Show the rows of a budget, with their shares of the variance, as a table; nothing without a row.
 
     ``rows``: as :func:`labpipe.uncertainty.budget_rows` makes them; ``unit``: SI unit of the result; ``columns``:
     further cells by column and source.
@@ -384,16 +265,15 @@ def budget_table(
             quantity(r["u"], difference_unit(r["unit"]), 2) if r["u"] else "0",
             r["sensitivity"],
             r["contribution"],
+            100.0 * r["share"],
             *(values.get(r["source"]) for values in more.values()),
         )
         for r in rows
     ]
-    sensitivity = Column("sensitivity, SI", digits=3)
-    contribution = Column("contribution", unit=difference_unit(unit), digits=2)
     names = map(Column, ("source", "value", "standard uncertainty"))
-    heads = (*names, sensitivity, contribution, *map(Column, more))
-    bars = Bars("Share of the variance", [(shown_source(r["source"]), r["share"]) for r in rows])
-    return Table(heads, cells, caption=caption, sortable=False), bars
+    contribution = Column("contribution", unit=difference_unit(unit), digits=2)
+    numbers = (Column("sensitivity, SI", digits=3), contribution, Column("share of the variance", "%", digits=2))
+    return (Table((*names, *numbers, *map(Column, more)), cells, caption=caption, sortable=False),)
 
 
 def difference_unit(unit: str) -> str:
@@ -403,7 +283,6 @@ def difference_unit(unit: str) -> str:
 
 def shown_source(source: str) -> str:
     """Return the name of an input for a reader: the quantity, and in brackets its owner."""
-    text = source if " " in source else source.replace("_", " ")
-    what, _, of = text.partition(", ")  # behind it may stand the name of an experiment, as it is
+    what, _, of = source.partition(", ")  # behind it may stand the name of an experiment, as it is
     what = what.replace("_", " ")
     return f"{what} ({of})" if of else what

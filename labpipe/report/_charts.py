@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from labpipe.arrays import Floats
 
-Style = Literal["line", "points", "step"]
+Style = Literal["line", "points", "step", "band"]
 Scale = Literal["linear", "log", "day"]
 """Of days since 1970-01-01 the calendar dates are shown, along x alone."""
 
@@ -68,15 +68,14 @@ class Series:
 
     @property
     def curves(self) -> "tuple[Floats, ...]":
-        """The values, and their uncertainties where they are given."""
+        """The values, and their uncertainties where they are given; the lower and the upper end of a band."""
         return tuple(np_float(array) for array in (self.y, self.u) if array is not None)
 
 
-@dataclass(frozen=True, eq=False)
-class Band:
+class Band(Series):
     """The area between two curves (mean ± standard deviation, a confidence band).
 
-    Attributes
+    Parameters
     ----------
     name : str
         Entry of the legend; name the coverage of the band ("mean ± 1 sd, n = 5").
@@ -86,24 +85,10 @@ class Band:
         Give the role of the curve that the band belongs to.
     """
 
-    name: str
-    x: "ArrayLike"
-    low: "ArrayLike"
-    high: "ArrayLike"
-    role: Role | None = None
-    style: ClassVar[Literal["band"]] = "band"
-    level: ClassVar[None] = None
-    on_hover: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        """Turn the inputs into arrays of float and refuse unusable ones."""
-        for field, array in _arrays(self.name, x=self.x, low=self.low, high=self.high).items():
-            object.__setattr__(self, field, array)
-
-    @property
-    def curves(self) -> "tuple[Floats, ...]":
-        """Its lower and its upper end."""
-        return np_float(self.low), np_float(self.high)
+    def __init__(
+        self, name: str, x: "ArrayLike", low: "ArrayLike", high: "ArrayLike", role: Role | None = None
+    ) -> None:
+        super().__init__(name, x, low, "band", role, high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +126,7 @@ class LineChart:
     title: str
     x_label: str
     y_label: str
-    series: Sequence[Series | Band]
+    series: Sequence[Series]
     group: str = ""
     x_scale: Scale = "linear"
     y_scale: Scale = "linear"

@@ -8,27 +8,25 @@ if a text were not escaped.
 import base64
 import hashlib
 import html
+import itertools
 import re
 import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
-from labpipe.report._blocks import Block, Details, Deviations, IndexTable, Notice, Section, data_address
+from labpipe.report._blocks import Block, Details, Deviations, Notice, Paragraph, Picture, Section
 from labpipe.report._charts import LineChart
-from labpipe.report._tables import HeadingView, Table, clean, table_view
+from labpipe.report._tables import Table, clean, table_view
+from labpipe.report._templates import asset, environment, fill
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
     from markupsafe import Markup
 
-_SCRIPTS = ("uplot.min.js", "page.js", "charts.js")
-_STYLES = ("uplot.min.css", "page.css")
+_SCRIPTS, _STYLES = ("uplot.min.js", "page.js", "charts.js"), ("uplot.min.css", "page.css")
 # A page above this is slow to open and refused by many mail servers.
 MAX_PAGE_BYTES = 3_000_000
 # More than this for one chart is finer than any screen, and slow to decode on a phone; the least keeps its whole range.
@@ -76,13 +74,18 @@ class Document:
         UserWarning
             Pictures and texts alone are larger than that.
         """
+        from markupsafe import Markup
+
         from labpipe.report._packing import pack, thin
         from labpipe.report._pictures import static_picture
 
         charts = list(_charts(self.sections))
         thinned = [thin(chart, _MAX_CHART_BYTES) for chart in charts]
-        stills = [data_address(static_picture(one)) for one in thinned]
+        stills = [Picture(static_picture(one), "").address for one in thinned]
         islands: list[dict[str, Any]] = [{} for _ in charts]
+        page, scripts = environment().get_template("page.html"), [asset(name) for name in _SCRIPTS]
+        hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+        digests = " ".join(f"'sha256-{one}'" for one in hashes)
 
         def written() -> str:
             parts = iter(zip(charts, thinned, stills, islands, range(1, len(charts) + 1), strict=True))
@@ -90,20 +93,28 @@ class Document:
                 {"title": s.title, "anchor": anchor, "blocks": [_shown(block, parts) for block in s.blocks]}
                 for s, anchor in zip(self.sections, _anchors(self.sections), strict=True)
             ]
-            return assemble(self.title, fill("document", page=self, sections=shown), self.badge)
+            return page.render(
+                title=self.title,
+                badge=self.badge,
+                body=fill("document", page=self, sections=shown),
+                policy=f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests}; "
+                "base-uri 'none'; form-action 'none'",
+                styles=[Markup(asset(name)) for name in _STYLES],  # noqa: S704
+                scripts=[Markup(script) for script in scripts],  # noqa: S704
+            )
 
         room = max_bytes - len(written().encode())
         for place, allowed in enumerate(_shares(charts, room)):
             thinned[place] = thin(charts[place], allowed)
             islands[place] = clean_all(pack(thinned[place]))
-        page = written()
-        if (size := len(page.encode())) > max_bytes:
+        text = written()
+        if (size := len(text.encode())) > max_bytes:
             warnings.warn(
                 f'page "{self.title}" takes {size} bytes, more than {max_bytes}; show fewer or smaller pictures',
                 UserWarning,
                 stacklevel=2,
             )
-        return page
+        return text
 
 
 def _charts(blocks: Iterable[Any]) -> Iterator[LineChart]:
@@ -140,16 +151,15 @@ def _shown(block: Any, charts: Iterator[Any]) -> "Markup":
             alt = f"{block.title}: {block.y_label} against {block.x_label}; {', '.join(s.name for s in block.series)}"
             more = {"anchor": f"chart-{number}", "views": views, "notes": thinned.notes, "still": still}
             more |= {"alt": alt, "island": island}
+        case Paragraph():
+            more = {"parts": [part for part in re.split(r"\n[ \t]*\n", block.text.strip()) if part]}
         case Details():
             more = {"blocks": [_shown(inside, charts) for inside in block.blocks]}
         case Deviations():
             more = block.view()
         case Table():
-            more = {"view": table_view(block)}
-        case IndexTable():
-            view = table_view(Table(tuple(block.columns), [row.metrics for row in block.rows], block.caption))
-            heads = (HeadingView("Experiment", "", False), HeadingView("State", "", False), *view.headings)
-            more = {"headings": heads, "rows": list(zip(block.rows, view.rows, strict=True))}
+            headings, rows = table_view(block)
+            more = {"headings": headings, "rows": rows}
     kind = type(block).__name__
     if not isinstance(block, Block):
         raise InputError(f"a section holds blocks of the report kit, found {kind}")
@@ -198,74 +208,18 @@ def _anchors(sections: Sequence[Section]) -> list[str]:
         stem = re.sub(r"[^a-z0-9]+", "-", text).strip("-") or "section"
         # "chart-1" and the like are the charts' own names.
         stem = f"section-{stem}" if stem.startswith("chart-") else stem
-        name, count = stem, 1
-        while name in taken:
-            count += 1
-            name = f"{stem}-{count}"
-        taken.append(name)
+        names = itertools.chain([stem], (f"{stem}-{count}" for count in itertools.count(2)))
+        taken.append(next(name for name in names if name not in taken))
     return taken
-
-
-# --- HTML ---------------------------------------------------------------------------------------
 
 
 def clean_all(data: Any) -> Any:
     """Apply :func:`clean` to every text in nested lists and dicts."""
-    if isinstance(data, str):
-        return clean(data)
     if isinstance(data, Mapping):
-        return {clean(str(key)): clean_all(value) for key, value in data.items()}
+        return {key: clean_all(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
         return [clean_all(value) for value in data]
-    return data
-
-
-def fill(macro: str, **values: Any) -> "Markup":
-    """Fill one of the macros of ``templates/blocks.html``; every text in `values` is escaped."""
-    from markupsafe import Markup
-
-    module = _environment().get_template("blocks.html").module
-    return Markup(getattr(module, macro)(**values))  # noqa: S704 - made by the kit's escaping templates
-
-
-def assemble(title: str, body: "Markup", badge: str) -> str:
-    """Wrap the body into a whole page with its styles, scripts and policy."""
-    from markupsafe import Markup
-
-    scripts = [_asset(name) for name in _SCRIPTS]
-    digests = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts]
-    policy = (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src "
-        + " ".join(f"'sha256-{digest}'" for digest in digests)
-        + "; base-uri 'none'; form-action 'none'"
-    )
-    # The kit's own files; a test holds them free of closing tags.
-    files = {
-        "styles": [Markup(_asset(name)) for name in _STYLES],  # noqa: S704
-        "scripts": [Markup(script) for script in scripts],  # noqa: S704
-    }
-    return _environment().get_template("page.html").render(title=title, badge=badge, body=body, policy=policy, **files)
-
-
-@cache
-def _asset(name: str) -> str:
-    asset = resources.files("labpipe.report").joinpath("assets", name)
-    return asset.read_text(encoding="utf-8").replace("\r\n", "\n")
-
-
-@cache
-def _environment() -> "Environment":
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(
-        loader=PackageLoader("labpipe.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        # Markup is a text that is already escaped and cleaned.
-        finalize=lambda value: clean(value) if type(value) is str else value,
-    )
+    return clean(data) if isinstance(data, str) else data
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,14 @@
 """A chart as data for the page: thinned arrays in base64, and a description of how to draw them."""
 
-import base64
 import math
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labpipe.report._charts import Band, LineChart, Series, np_float
+from labpipe.report._charts import LineChart, Series, np_float
 from labpipe.report._style import LineLook, level_look, looks
 from labpipe.report._thinning import kept_samples
 
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 # A float32 resolves 6e-8 of its size. Where the curve is a small ripple on a large offset, the
 # offset is taken out first, so that the ripple keeps its digits.
 _OFFSET_RATIO = 100.0
-_BASE64_GROWTH = 4 / 3
-_BYTES_PER_SAMPLE = 4
 # The window is a little wider than the points, so that no marker sits on the frame.
 _MARGIN = 0.02
 
@@ -33,7 +31,7 @@ class Drawn:
     it in colour only.
     """
 
-    source: Series | Band
+    source: Series
     x: "Floats"
     curves: "tuple[Floats, ...]"
     look: LineLook
@@ -60,30 +58,22 @@ def wanted_bytes(chart: LineChart) -> int:
     axes = [np_float(series.x) for series in chart.series]
     # Positions take two words; every common axis is stored once.
     words += sum(2 * axes[members[0]].size for members in _shared_axes(axes))
-    return int(words * _BYTES_PER_SAMPLE * _BASE64_GROWTH) + 1
+    return words * 16 // 3 + 1  # four bytes each, by a third more in base64
 
 
 def thin(chart: LineChart, max_bytes: int) -> ThinnedChart:
-    """Choose the samples of a chart that fit into the given bytes.
+    """Choose the samples of a chart that fit into the given bytes in the page, base64 included.
 
     Series that share their `x` keep the same samples, so that `x` is stored once.
-
-    Parameters
-    ----------
-    chart : LineChart or ScatterChart
-        The chart.
-    max_bytes : int
-        Bytes in the page, base64 included.
     """
     ordered = sorted(chart.series, key=lambda s: s.style != "band")
-    found = _looks_by_identity(chart.series)
+    found = _looks(chart)
     samples = [_showable(chart, series) for series in ordered]
-    groups = _shared_axes([x for x, _ in samples])
     fraction = min(1.0, max_bytes / wanted_bytes(chart))
     windows = [(a, b) for _, a, b in chart.views]
     drawn: dict[int, Drawn] = {}
     n_all = n_kept = 0
-    for members in groups:
+    for members in _shared_axes([x for x, *_ in samples]):
         x = samples[members[0]][0]
         curves = [curve for m in members for curve in samples[m][1]]
         # A loop has extremes in both directions; they are sought along its course.
@@ -93,12 +83,22 @@ def thin(chart: LineChart, max_bytes: int) -> ThinnedChart:
         n_all += x.size
         n_kept += kept.size
         for m in members:
-            series = ordered[m]
-            values = tuple(curve[kept] for curve in samples[m][1])
-            drawn[m] = Drawn(series, x[kept], values, found[id(series)], _is_marked(chart, series))
-    notes = _notes(chart, n_all, n_kept)
-    kept_series = tuple(drawn[m] for m in range(len(ordered)))
-    return ThinnedChart(chart, kept_series, _x_range(chart, kept_series), notes)
+            drawn[m] = Drawn(ordered[m], x[kept], tuple(curve[kept] for curve in samples[m][1]), *found[id(ordered[m])])
+    notes = []
+    if n_kept < n_all:
+        where = "Outside the named windows the" if chart.views else "The"
+        notes.append(
+            f"{where} curves are drawn through the smallest and largest samples of short stretches "
+            f"({n_kept} of {n_all} samples are in this page)."
+        )
+    if n_hidden := sum(hidden for *_, hidden in samples):
+        are = "point is" if n_hidden == 1 else "points are"
+        notes.append(f"{n_hidden} {are} not shown: zero or negative on a logarithmic axis.")
+    series = tuple(drawn[m] for m in range(len(ordered)))
+    filled = [d.x for d in series if d.x.size]
+    has_margin = not chart.is_ordered or any(d.source.style == "points" for d in series)
+    ends = min((float(x.min()) for x in filled), default=1.0), max((float(x.max()) for x in filled), default=10.0)
+    return ThinnedChart(chart, series, padded_range(*ends, chart.x_scale, _MARGIN * has_margin), tuple(notes))
 
 
 def pack(thinned: ThinnedChart) -> dict[str, Any]:
@@ -118,45 +118,42 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
         "group": chart.group,
         "views": [[a, b] for _, a, b in chart.views],
         "lines": [[n, x] for n, x in chart.vlines],
-        "axes": [_base64(thinned.series[members[0]].x, "<f8") for members in axes],
+        "axes": [b64encode(thinned.series[m[0]].x.astype("<f8").tobytes()).decode() for m in axes],
         "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
     }
 
 
-def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
-    """Look up bands and curves separately: the first band looks like the first curve."""
+def _looks(chart: LineChart) -> dict[int, tuple[LineLook, bool]]:
+    """Return look and marking of every series by its identity; the first band looks like the first curve."""
     found: dict[int, LineLook] = {}
-    for kind in (Series, Band):
-        chosen = [s for s in series if isinstance(s, kind) and s.level is None]
+    for is_band in (False, True):
+        chosen = [s for s in chart.series if (s.style == "band") == is_band and s.level is None]
         found |= zip(map(id, chosen), looks([s.role for s in chosen]), strict=True)
-    found |= {id(s): level_look(s.level) for s in series if s.level is not None}
-    if len(series) == 1:
+    found |= {id(s): level_look(s.level) for s in chart.series if s.level is not None}
+    if len(chart.series) == 1:
         # Dashes tell curves apart; a curve alone needs none, and its peaks want a whole line.
         found = {key: replace(look, dash=()) for key, look in found.items()}
-    return found
-
-
-def _is_marked(chart: LineChart, series: Series | Band) -> bool:
-    """Return whether a line needs markers to be distinguished from its neighbours in grey print."""
-    if series.level is not None:
-        return series.style != "points"
     curves = [s for s in chart.series if s.style != "band" and s.level is None]
+    roles: list[str | None] = [s.role for s in curves if s.role not in (None, "repeat")]
     # Points carry markers already, and markers along lines would hide them.
-    if not chart.is_ordered or any(s.style == "points" for s in curves):
-        return False
-    return series in curves and series.role not in {None, "repeat"} and sum(s.role == series.role for s in curves) > 1
+    can_mark = chart.is_ordered and not any(s.style == "points" for s in curves)
+    marked = {id(s) for s in curves if can_mark and roles.count(s.role) > 1}
+    marked |= {id(s) for s in chart.series if s.level is not None and s.style != "points"}
+    return {key: (look, key in marked) for key, look in found.items()}
 
 
-def _showable(chart: LineChart, series: Series | Band) -> "tuple[Floats, tuple[Floats, ...]]":
-    """Return x and curves with everything that a logarithmic axis cannot show as gaps."""
+def _showable(chart: LineChart, series: Series) -> "tuple[Floats, tuple[Floats, ...], int]":
+    """Return x and curves, with gaps where a logarithmic axis cannot show the values, and how many those are."""
     x, curves = np_float(series.x), series.curves
     if chart.x_scale == "log":
         curves = tuple(curve[x > 0] for curve in curves)
         x = x[x > 0]
+    n_hidden = np_float(series.x).size - x.size
     if chart.y_scale == "log":
         is_hidden = curves[0] <= 0
         curves = tuple(np.where(is_hidden, np.nan, curve) for curve in curves)
-    return x, curves
+        n_hidden += int(np.count_nonzero(is_hidden))
+    return x, curves, n_hidden
 
 
 def _shared_axes(axes: "Sequence[Floats]") -> list[list[int]]:
@@ -165,36 +162,6 @@ def _shared_axes(axes: "Sequence[Floats]") -> list[list[int]]:
     for place, x in enumerate(axes):
         groups.setdefault((x.size, x.tobytes()), []).append(place)
     return list(groups.values())
-
-
-def _notes(chart: LineChart, n_all: int, n_kept: int) -> tuple[str, ...]:
-    notes = []
-    if n_kept < n_all:
-        where = "Outside the named windows the" if chart.views else "The"
-        notes.append(
-            f"{where} curves are drawn through the smallest and largest samples of short stretches "
-            f"({n_kept} of {n_all} samples are in this page)."
-        )
-    n_hidden = 0
-    for series in chart.series:
-        x, first = np_float(series.x), series.curves[0]
-        hidden_x = (x <= 0) & (chart.x_scale == "log")
-        n_hidden += int(np.count_nonzero(hidden_x | ((first <= 0) & (chart.y_scale == "log"))))
-    if n_hidden:
-        notes.append(
-            f"{n_hidden} {'point is' if n_hidden == 1 else 'points are'} not shown: zero or "
-            "negative on a logarithmic axis."
-        )
-    return tuple(notes)
-
-
-def _x_range(chart: LineChart, series: tuple[Drawn, ...]) -> tuple[float, float]:
-    filled = [d.x for d in series if d.x.size]
-    if not filled:
-        return (1.0, 10.0)
-    low, high = min(float(x.min()) for x in filled), max(float(x.max()) for x in filled)
-    has_points = any(d.source.style == "points" for d in series)
-    return padded_range(low, high, chart.x_scale, _MARGIN if has_points or not chart.is_ordered else 0.0)
 
 
 def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[float, float]:
@@ -238,8 +205,5 @@ def _packed_curve(curve: "Floats") -> dict[str, Any]:
         middle = low + (high - low) / 2
         offset = middle if abs(middle) > _OFFSET_RATIO * (high - low) / 2 else 0.0
     scale = max(abs(low - offset), abs(high - offset)) or 1.0  # float32 ends at 3e38 and loses digits below 1e-38
-    return {"offset": offset, "scale": scale, "data": _base64((curve - offset) / scale, "<f4")}
-
-
-def _base64(array: "Floats", form: str) -> str:
-    return base64.b64encode(array.astype(form).tobytes()).decode("ascii")
+    data = ((curve - offset) / scale).astype("<f4").tobytes()
+    return {"offset": offset, "scale": scale, "data": b64encode(data).decode()}

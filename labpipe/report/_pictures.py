@@ -1,21 +1,21 @@
 """The static picture of a chart, for print and for browsers without scripts.
 
-It shows the same thinned data in the same colours as the interactive chart, and is written as SVG at once: a page holds
-a dozen pictures, and matplotlib takes a hundred times longer for each.
+It shows the same thinned data in the same colours as the interactive chart: places are found here, and a template
+writes them as SVG. A page holds a dozen pictures, and matplotlib takes a hundred times longer for each.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from html import escape
+from typing import Any
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.report._charts import LineChart
 from labpipe.report._packing import Drawn, ThinnedChart, padded_range, thin
-from labpipe.report._style import COLUMN_WIDTHS_MM, LineLook
+from labpipe.report._style import COLUMN_WIDTHS_MM
 from labpipe.report._tables import MINUS, clean, power_of_ten
+from labpipe.report._templates import fill
 from labpipe.report._thinning import kept_samples
 
 UNITS = 20
@@ -27,12 +27,6 @@ _LETTER = 0.65 * _TEXT
 """Width of a letter, on the safe side for DejaVu Sans."""
 _VIEWS, _VIEW_HEIGHT = 3, 0.75
 """Panels for named views below the whole, and their height relative to that."""
-_MARKERS = {
-    "circle": "M-32 0a32 32 0 1 0 64 0a32 32 0 1 0-64 0z",
-    "square": "M-32-32h64v64h-64z",
-    "triangle": "M0-32l32 64h-64z",
-    "diamond": "M0-45l45 45-45 45-45-45z",
-}
 
 
 def static_picture(thinned: ThinnedChart) -> bytes:
@@ -40,110 +34,51 @@ def static_picture(thinned: ThinnedChart) -> bytes:
 
     The first three named views that show less than half of the range get a panel of their own below the whole.
     """
-    thinned = replace(thinned, series=tuple(d for d in thinned.series if not d.source.on_hover))
     chart, whole = thinned.chart, thinned.x_range
+    series = [drawn for drawn in thinned.series if not drawn.source.on_hover]
     views = [v for v in chart.views if v[2] - v[1] < (whole[1] - whole[0]) / 2][:_VIEWS]
     rows, share = (2, 1.0 + _VIEW_HEIGHT) if views else (1, 1.0)
     tall = max(round(_WIDTH * chart.height_px / 800.0 - rows * (_HEADING + _FOOT) / share), 2 * _GAP)
     low = round(_VIEW_HEIGHT * tall)
-    paper = _Paper(_WIDTH, 0)
-    top = _legend(paper, thinned.series) + _HEADING
-    most = int(np.clip(8000 // (len(thinned.series) * (1 + len(views))), 100, 1600))  # samples that a curve may take
-    _panel(paper, thinned, (0, top, _WIDTH, tall), whole, most, (chart.x_label, chart.y_label))
+    cell = round(_SWATCH + max((min(len(d.source.name), 60) for d in series), default=0) * _LETTER + _GAP)
+    columns = min(max((_WIDTH + _GAP) // cell, 1), max(len(series), 1))
+    legend = [
+        (40 + n % columns * cell, 40 + n // columns * _LINE + _LINE // 2, _line_of_text(drawn.source.name))
+        for n, drawn in enumerate(series)
+    ]
+    top = 40 + -(-len(series) // columns) * _LINE + _HEADING
+    most = int(np.clip(8000 // (len(series) * (1 + len(views))), 100, 1600))  # samples that a curve may take
+    panels = [_panel(chart, series, (0, top, _WIDTH, tall), whole, most, (chart.x_label, chart.y_label))]
     top += tall + _FOOT
     column = (_WIDTH + _GAP) // max(len(views), 1)
     for number, (name, start, stop) in enumerate(views):
         place = (number * column, top + _HEADING, column - _GAP, low)
         label = chart.x_label if number == len(views) // 2 else ""
-        _panel(paper, thinned, place, (start, stop), most, (label, name))
-    paper.height = top + (_HEADING + low + _FOOT if views else 0)
-    return paper.svg()
+        panels.append(_panel(chart, series, place, (start, stop), most, (label, name)))
+    return _svg((_WIDTH, top + (_HEADING + low + _FOOT if views else 0)), series, panels, legend)
 
 
 def thumbnail(chart: LineChart, width_px: int = 240) -> bytes:
     """Draw a chart without axes as a small SVG file, twice as wide as high, for an index page."""
-    thinned = thin(chart, max_bytes=100_000)
-    paper = _Paper(UNITS * width_px, UNITS * width_px // 2)
-    place = (0, 0, paper.width, paper.height)
-    _panel(paper, thinned, place, thinned.x_range, 2 * width_px)
-    return paper.svg()
+    thinned, size = thin(chart, max_bytes=100_000), (UNITS * width_px, UNITS * width_px // 2)
+    return _svg(size, thinned.series, [_panel(chart, thinned.series, (0, 0, *size), thinned.x_range, 2 * width_px)], [])
 
 
-@dataclass(slots=True)
-class _Paper:
-    """A picture: its elements, and the shapes that they share, by their markup."""
-
-    width: int
-    height: int
-    parts: list[str] = field(default_factory=list)
-    shared: dict[str, str] = field(default_factory=dict)
-
-    def path(self, data: str, look: str) -> None:
-        if data:
-            self.parts.append(f'<path d="{data}" {look}/>')
-
-    def text(self, x: float, y: float, text: str, anchor: str = "start") -> None:
-        line = " ".join(clean(text).split())
-        line = escape(line if len(line) <= 60 else f"{line[:59]}…", quote=False)
-        self.parts.append(f'<text x="{round(x)}" y="{round(y)}" text-anchor="{anchor}">{line}</text>' if line else "")
-
-    def share(self, shape: str) -> str:
-        """Return the address of a shape, whose markup has NAME for its name."""
-        return f"url(#{self.shared.setdefault(shape, f's{len(self.shared)}')})"
-
-    def marker(self, look: LineLook) -> str:
-        """Return the address of a curve's marker."""
-        inside = look.light if look.filled else "#fff"
-        drawing = f'<path d="{_MARKERS[look.marker]}" fill="{inside}" stroke="{look.light}" stroke-width="16"/>'
-        return self.share(f'<marker id="NAME" markerUnits="userSpaceOnUse" overflow="visible">{drawing}</marker>')
-
-    def svg(self) -> bytes:
-        shared = "".join(shape.replace("NAME", name, 1) for shape, name in self.shared.items())
-        size = f'width="{self.width / UNITS:.2f}pt" height="{self.height / UNITS:.2f}pt"'
-        head = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {self.width} {self.height}" '
-            f'font-size="{_TEXT}" font-family="DejaVu Sans,Arial,Helvetica,sans-serif">'
-            f'<defs>{shared}</defs><rect width="100%" height="100%" fill="#fff"/>'
-        )
-        return "\n".join((head, *filter(None, self.parts), "</svg>\n")).encode()
+def _svg(size: tuple[int, int], series: Sequence[Drawn], panels: list[Any], legend: list[Any]) -> bytes:
+    return fill("still", size=size, units=UNITS, text=_TEXT, series=series, panels=panels, legend=legend).encode()
 
 
-def _stroke(colour: str, width: float, dash: Sequence[float] = ()) -> str:
-    dashes = f' stroke-dasharray="{" ".join(str(round(UNITS * length)) for length in dash)}"' if dash else ""
-    return f'fill="none" stroke="{colour}" stroke-width="{round(UNITS * width)}" stroke-linejoin="round"{dashes}'
-
-
-def _area(look: LineLook) -> str:
-    return f'fill="{look.light}" fill-opacity="0.22"'
-
-
-def _legend(paper: _Paper, series: Sequence[Drawn]) -> int:
-    """Name the curves at the top of the picture; return the height that this takes."""
-    longest = max((min(len(drawn.source.name), 60) for drawn in series), default=0)
-    cell = round(_SWATCH + longest * _LETTER + _GAP)
-    columns = min(max((paper.width + _GAP) // cell, 1), max(len(series), 1))
-    for number, drawn in enumerate(series):
-        row, column = divmod(number, columns)
-        x, y, look = 40 + column * cell, 40 + row * _LINE + _LINE // 2, drawn.look
-        line = f"M{x} {y}h180h180"
-        is_points = drawn.source.style == "points"
-        if drawn.source.style == "band":
-            paper.path(f"M{x} {y - 49}h360v98h-360z", _area(look))
-        elif not is_points:
-            paper.path(line, _stroke(look.light, look.width, look.dash))
-        if is_points or drawn.is_marked:
-            paper.path(line, f'fill="none" marker-mid="{paper.marker(look)}"')
-        paper.text(x + _SWATCH, y + 0.36 * _TEXT, drawn.source.name)
-    return 40 + -(-len(series) // columns) * _LINE
+def _line_of_text(text: str) -> str:
+    line = " ".join(clean(text).split())
+    return line if len(line) <= 60 else f"{line[:59]}…"
 
 
 def _cut(
-    thinned: ThinnedChart, window: tuple[float, float], most: int
-) -> tuple[list[tuple[Drawn, Floats, tuple[Floats, ...]]], tuple[float, float]]:
+    chart: LineChart, series: Sequence[Drawn], window: tuple[float, float], most: int
+) -> tuple[list[tuple[Floats, tuple[Floats, ...]]], tuple[float, float]]:
     """Return the curves in a window along x, of ``most`` samples each, and the window along y that shows them."""
-    chart = thinned.chart
     curves, ends = [], []
-    for drawn in thinned.series:
+    for drawn in series:
         x, values = drawn.x, drawn.curves
         along = np.arange(x.size, dtype=float)
         if chart.is_ordered:
@@ -153,7 +88,7 @@ def _cut(
             along = x
         kept = kept_samples(along, values if along is x else [*values, x], most)
         x, values = x[kept], tuple(curve[kept] for curve in values)
-        curves.append((drawn, x, values))
+        curves.append((x, values))
         both = np.concatenate(values)
         if drawn.source.style != "band" and len(values) == 2:
             both = np.concatenate([values[0] - np.nan_to_num(values[1]), values[0] + np.nan_to_num(values[1])])
@@ -164,16 +99,16 @@ def _cut(
 
 
 def _panel(
-    paper: _Paper,
-    thinned: ThinnedChart,
+    chart: LineChart,
+    series: Sequence[Drawn],
     place: tuple[int, int, int, int],
     window: tuple[float, float],
     most: int,
     labels: tuple[str, str] | None = None,
-) -> None:
-    """Draw a window along x of a chart in a rectangle; with ``labels``, of x and above it, grid and axes too."""
-    chart, (left, top, wide, tall) = thinned.chart, place
-    curves, y_window = _cut(thinned, window, most)
+) -> dict[str, Any]:
+    """Place a window along x of a chart in a rectangle; with ``labels``, of x and above it, grid and axes too."""
+    left, top, wide, tall = place
+    curves, y_window = _cut(chart, series, window, most)
     named = ticks(*y_window, chart.y_scale, min(9, tall // 300)) if labels else []
     if labels:
         before = round(max(len(text) for _, text in named) * _LETTER) + 130
@@ -188,64 +123,49 @@ def _panel(
         return top + tall * (1.0 - _part(shown, y_window, chart.y_scale))
 
     axis: list[tuple[float, str]] = []
-    x: list[int] = []
-    y: list[int] = down(np.array([v for v, _ in named])).astype(int).tolist()
-    if labels:
-        for count in range(9, 1, -1):  # as many ticks across as have room for their texts
-            axis = ticks(*window, chart.x_scale, count)
-            places = across(np.array([value for value, _ in axis]))
-            if np.all(np.diff(places) > _LETTER * (1 + max(len(text) for _, text in axis))):
-                break
-        x = places.astype(int).tolist()
-        grid = [f"M{at} {top}v{tall}" for at in x] + [f"M{left} {at}h{wide}" for at in y]
-        paper.path("".join(grid), _stroke("#e2e2e2", 0.5))
-    clip = f'<clipPath id="NAME"><rect x="{left}" y="{top}" width="{wide}" height="{tall}"/></clipPath>'
-    paper.parts.append(f'<g clip-path="{paper.share(clip)}">')
-    if chart.y_scale == "linear" and any(drawn.source.role == "residual" for drawn, _, _ in curves):
-        paper.path(f"M{left} {int(down(np.zeros(1))[0])}h{wide}", _stroke("#808080", 0.6))
+    for count in range(9, 1, -1) if labels else ():  # as many ticks across as have room for their texts
+        axis = ticks(*window, chart.x_scale, count)
+        places = across(np.array([value for value, _ in axis]))
+        if np.all(np.diff(places) > _LETTER * (1 + max(len(text) for _, text in axis))):
+            break
     lines = np.array([x for _, x in chart.vlines if window[0] <= x <= window[1]])
-    marked = np.unique(across(lines).astype(int) // 60 * 60)  # three points apart at least
-    paper.path("".join(f"M{at} {top}v{tall}" for at in marked), _stroke("#a0a0a0", 0.5, (0.5, 1.0)))
-    for drawn, along, values in sorted(curves, key=lambda one: one[0].source.style == "points"):  # above lines
-        _draw_curve(paper, drawn, across(along), values, down)
-    paper.parts.append("</g>")
-    if labels:
-        paper.path(f"M{left} {top}V{top + tall}h{wide}", _stroke("#000", 0.6))
-        for at, (_, text) in zip(x, axis, strict=True):
-            paper.text(at, top + tall + 130 + 0.5 * _TEXT, text, "middle")
-        for at, (_, text) in zip(y, named, strict=True):
-            paper.text(left - 110, at + 0.36 * _TEXT, text, "end")
-        paper.text(left + wide / 2, top + tall + 190 + 2 * _TEXT, labels[0], "middle")
-        paper.text(left, top - 100, labels[1])
+    has_zero = chart.y_scale == "linear" and any(drawn.source.role == "residual" for drawn in series)
+    return {
+        "left": left, "top": top, "wide": wide, "tall": tall, "labels": labels and tuple(map(_line_of_text, labels)),
+        "x": [(int(across(np.array(value))), text) for value, text in axis],
+        "y": [(int(down(np.array(value))), text) for value, text in named],
+        "zero": int(down(np.array(0.0))) if has_zero else None,
+        "marks": np.unique(across(lines).astype(int) // 60 * 60).tolist(),  # three points apart at least
+        "curves": [_curve(drawn, across(x), y, down) for drawn, (x, y) in zip(series, curves, strict=True)],
+    }  # fmt: skip
 
 
-def _draw_curve(
-    paper: _Paper, drawn: Drawn, across: Floats, values: tuple[Floats, ...], to_y: Callable[[Floats], Floats]
-) -> None:
-    source, look = drawn.source, drawn.look
-    if source.style == "band":
+def _curve(
+    drawn: Drawn, across: Floats, values: tuple[Floats, ...], to_y: Callable[[Floats], Floats]
+) -> dict[str, str]:
+    """Return the data of the paths of a curve: its area, error bars, line and marks, as far as it has them."""
+    found = dict.fromkeys(("area", "bars", "line", "marks"), "")
+    if drawn.source.style == "band":
         low, high = map(to_y, values)
         for run in _runs(across + low + high):
             edge = np.append(across[run], across[run][::-1]), np.append(high[run], low[run][::-1])
-            paper.path(_line(*edge) + "z", _area(look))
-        return
+            found["area"] += f"{_line(*edge)}z"
+        return found
     down = np.where(np.isfinite(values[0]), to_y(values[0]), np.nan)
     is_there = np.flatnonzero(np.isfinite(across + down))
     if len(values) == 2:
         u = np.nan_to_num(values[1])
         ends = np.column_stack([across, to_y(values[0] - u), to_y(values[0] + u)])[is_there]
         bars = (bar for bar in np.rint(ends).astype(int).tolist() if bar[1] != bar[2])
-        data = "".join(f"M{at} {foot}V{top}m-36 0h72M{at} {foot}m-36 0h72" for at, foot, top in bars)
-        paper.path(data, _stroke(look.light, 0.7))
-    if source.style == "step":
+        found["bars"] = "".join(f"M{at} {foot}V{top}m-36 0h72M{at} {foot}m-36 0h72" for at, foot, top in bars)
+    is_points = drawn.source.style == "points"
+    marked = is_there if is_points else is_there[:: max(is_there.size // 8, 1)][: 8 * drawn.is_marked]
+    found["marks"] = _line(across[marked], down[marked]) if marked.size else ""
+    if drawn.source.style == "step":
         across, down = np.repeat(across, 2)[1:], np.repeat(down, 2)[:-1]
-    if source.style != "points":
-        data = "".join(_line(across[run], down[run]) for run in _runs(across + down))
-        paper.path(data, _stroke(look.light, look.width, look.dash))
-    marked = is_there if source.style == "points" else is_there[:: max(is_there.size // 8, 1)][: 8 * drawn.is_marked]
-    if marked.size:
-        marks = " ".join(f'marker-{where}="{paper.marker(look)}"' for where in ("start", "mid", "end"))
-        paper.path(_line(across[marked], down[marked]), f'fill="none" {marks}')
+    if not is_points:
+        found["line"] = "".join(_line(across[run], down[run]) for run in _runs(across + down))
+    return found
 
 
 def ticks(low: float, high: float, scale: str, most: int) -> list[tuple[float, str]]:
@@ -255,7 +175,10 @@ def ticks(low: float, high: float, scale: str, most: int) -> list[tuple[float, s
         every = -(-len(powers) // max(most, 2)) or 1
         factors = (1, 2, 5) if len(powers) < 3 else (1,)
         around = range(powers.start - 1, powers.stop + 1) if len(powers) < 3 else [n for n in powers if n % every == 0]
-        found = [(f * 10.0**n, _power_text(f, n)) for n in around for f in factors]
+        found = [
+            (f * 10.0**n, f"{f * 10.0**n:g}" if -3 <= n <= 3 else f"{f}·{power_of_ten(n)}".removeprefix("1·"))
+            for n in around for f in factors
+        ]  # fmt: skip
         found = [(value, text) for value, text in found if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)]
         if len(found) > 1:
             return found
@@ -273,12 +196,6 @@ def ticks(low: float, high: float, scale: str, most: int) -> list[tuple[float, s
         return [(v, str(np.datetime64(int(v), "D"))) for v in values if v % 1.0 == 0.0]
     written = [f"{v / 10.0**exponent:.{digits}f}".replace("-", MINUS) + (power if v else "") for v in values]
     return [(v, text) for v, text in zip(values, written, strict=True) if scale == "linear" or v > 0.0]
-
-
-def _power_text(factor: int, power: int) -> str:
-    if -3 <= power <= 3:
-        return f"{factor * 10.0**power:g}"
-    return power_of_ten(power) if factor == 1 else f"{factor}·{power_of_ten(power)}"
 
 
 def _part(values: Floats, window: tuple[float, float], scale: str) -> Floats:

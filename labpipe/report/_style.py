@@ -70,13 +70,7 @@ _SCALE = {
 
 
 def level_look(level: float) -> LineLook:
-    """Return the look of a curve of a family, by its place from 0 (cold) to 1 (warm).
-
-    Examples
-    --------
-    >>> level_look(0.0).light, level_look(1.0).light
-    ('#17408f', '#b85c00')
-    """
+    """Return the look of a curve of a family, by its place from 0 (cold) to 1 (warm)."""
     place = min(max(level, 0.0), 1.0) * 4
     first = min(int(place), 3)
     mixed = []
@@ -86,31 +80,15 @@ def level_look(level: float) -> LineLook:
     return LineLook(mixed[0], mixed[1], (), "circle", True, 1.0)
 
 
-MATPLOTLIB_MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}
-
-
 def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:
-    """Give every curve of one chart its look.
+    """Give every curve of one chart its look, by their roles in drawing order; an unknown one raises InputError.
 
-    A role that occurs once keeps its own colour. When it occurs several times (four heights,
-    measured and modelled), the colour distinguishes the curves of one role and the dashes still
-    the roles: the second measured curve and the second model curve share a colour.
-    Curves without a role take colour, dashes and marker from a cycle of six.
-
-    ``roles`` has one entry per curve, in drawing order; an unknown one raises InputError.
-
-    Examples
-    --------
-    >>> measured, model = looks(["measured", "model"])
-    >>> measured.dash, model.dash
-    ((), (6.0, 4.0))
+    A role that occurs once keeps its own colour. When it occurs several times (four heights, measured and modelled),
+    the colour distinguishes the curves of one role and the dashes still the roles: the second measured curve and the
+    second model curve share a colour. Curves without a role take colour, dashes and marker from a cycle of six.
     """
-    seen: dict[str | None, int] = {}
-    found = []
-    for role in roles:
-        seen[role] = seen.get(role, -1) + 1
-        found.append(_look(role, seen[role], several=list(roles).count(role) > 1))
-    return tuple(found)
+    known = list(roles)
+    return tuple(_look(role, known[:n].count(role), several=known.count(role) > 1) for n, role in enumerate(known))
 
 
 def _look(role: str | None, count: int, *, several: bool) -> LineLook:
@@ -200,7 +178,7 @@ def line_arguments(role: Role | None = None, *, style: str = "line", count: int 
         "linestyle": "none" if style == "points" else matplotlib_dash(look),
     }
     if style != "line":
-        arguments["marker"] = MATPLOTLIB_MARKERS[look.marker]
+        arguments["marker"] = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}[look.marker]
         arguments["markerfacecolor"] = look.light if look.filled else "white"
         arguments["markeredgecolor"] = look.light
         arguments["markeredgewidth"] = 0.8
@@ -208,16 +186,11 @@ def line_arguments(role: Role | None = None, *, style: str = "line", count: int 
 
 
 # Without these, every file would carry the moment of its making.
-_METADATA: dict[str, dict[str, None]] = {
-    "pdf": {"CreationDate": None},
-    "svg": {"Date": None},
-    "png": {"Software": None},
-}
+_METADATA = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {"Software": None}}
 
 
 def _write_plain_numbers(figure: "Figure") -> None:
     """Have all ticks write raised digits in place of formulas, whose parsing takes a third of the time of a figure."""
-    from matplotlib.ticker import Formatter
 
     def plain(text: str) -> str:
         bare = re.sub(r"\$|\\mathdefault|\\(?=times)", "", text).replace("times", "×")
@@ -225,28 +198,11 @@ def _write_plain_numbers(figure: "Figure") -> None:
         number = re.sub(r"[{}]", "", raised)
         return number if "$" in text and re.fullmatch(rf"[0-9.,+\-{MINUS}×⁰¹²³⁴⁵⁶⁷⁸⁹⁻ eE]*", number) else text
 
-    class Plain(Formatter):
-        def __init__(self, inner: Formatter) -> None:
-            self.inner = inner
-
-        def set_axis(self, axis: Any) -> None:
-            self.inner.set_axis(axis)
-
-        def set_locs(self, locs: Any) -> None:
-            self.inner.set_locs(locs)
-
-        def __call__(self, x: float, pos: int | None = None) -> str:
-            return plain(self.inner(x, pos))
-
-        def format_ticks(self, values: Any) -> list[str]:
-            return [plain(text) for text in self.inner.format_ticks(values)]
-
-        def get_offset(self) -> str:
-            return plain(self.inner.get_offset())
-
-    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-        axis.set_major_formatter(Plain(axis.get_major_formatter()))
-        axis.set_minor_formatter(Plain(axis.get_minor_formatter()))
+    axes = [axis for one in figure.axes for axis in (one.xaxis, one.yaxis)]
+    forms: list[Any] = [form for axis in axes for form in (axis.get_major_formatter(), axis.get_minor_formatter())]
+    for form in forms:
+        form.format_ticks = lambda values, write=form.format_ticks: [plain(text) for text in write(values)]
+        form.get_offset = lambda write=form.get_offset: plain(write())
 
 
 def figure_bytes(figure: "Figure", file_format: str) -> bytes:
@@ -264,32 +220,39 @@ def figure_bytes(figure: "Figure", file_format: str) -> bytes:
     InputError
         The format is none of the three.
     """
-    if file_format not in _METADATA:
-        raise InputError(f'unknown figure format "{file_format}"; expected one of {", ".join(_METADATA)}')
+    return _drawn(figure, [file_format])[0]
+
+
+def _drawn(figure: "Figure", formats: Sequence[str]) -> list[bytes]:
+    """Draw a figure in several formats; it is laid out once, which takes as long as drawing."""
     from matplotlib import rc_context
     from matplotlib.backend_bases import get_registered_canvas_class
     from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
+    if unknown := [name for name in formats if name not in _METADATA]:
+        raise InputError(f'unknown figure format "{unknown[0]}"; expected one of {", ".join(_METADATA)}')
     _write_plain_numbers(figure)
     keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "path.simplify")
     settings: Any = {key: _settings()[key] for key in keys}
-    target, engine, canvas, resolution = BytesIO(), figure.get_layout_engine(), figure.canvas, figure.dpi
+    engine, canvas, resolution = figure.get_layout_engine(), figure.canvas, figure.dpi
+    drawn = []
     with rc_context(settings):
         try:
             if engine is not None and not isinstance(engine, PlaceHolderLayoutEngine):
                 engine.execute(figure)  # the places alone: nothing is drawn for them
                 figure.set_layout_engine("none")
-            # ``savefig`` would draw everything once more before, for the layout that is known.
-            drawing: Any = get_registered_canvas_class(file_format)(figure)
-            if file_format == "png":
-                figure.set_dpi(300.0)
-            getattr(drawing, f"print_{file_format}")(target, metadata=_METADATA[file_format])
+            for name in formats:
+                # ``savefig`` would draw everything once more before, for the layout that is known.
+                drawing: Any = get_registered_canvas_class(name)(figure)
+                figure.set_dpi(300.0 if name == "png" else resolution)
+                getattr(drawing, f"print_{name}")(target := BytesIO(), metadata=_METADATA[name])
+                drawn.append(target.getvalue())
         finally:
             figure.set_canvas(canvas)
             figure.set_dpi(resolution)
             if engine is not None:
                 figure.set_layout_engine(engine)
-    return target.getvalue()
+    return drawn
 
 
 def save_figure(
@@ -304,14 +267,7 @@ def save_figure(
     """
     from labpipe.files import write_bytes
 
-    engine = figure.get_layout_engine()
-    drawn = {}
-    for name in formats:
-        drawn[Path(f"{path_stem}.{name}")] = figure_bytes(figure, name)
-        # Laying out takes as long as drawing; the first format has found the places for all.
-        figure.set_layout_engine("none")
-    if engine is not None:
-        figure.set_layout_engine(engine)
-    for path, data in drawn.items():
+    paths = tuple(Path(f"{path_stem}.{name}") for name in formats)
+    for path, data in zip(paths, _drawn(figure, formats), strict=True):
         write_bytes(path, data)
-    return tuple(drawn)
+    return paths

@@ -8,9 +8,10 @@ recommends: two significant digits of the uncertainty, and the value to the same
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import zip_longest
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from labpipe.errors import InputError
 
@@ -40,13 +41,10 @@ _FORMS: dict[str, tuple[tuple[float, str], ...]] = {
     "J/m2": ((1.0, "J/m²"), (1e-3, "mJ/m²")),
     "J/m": ((1.0, "J/m"), (1e-3, "mJ/m"), (1e-6, "µJ/m")),
     "rad": ((math.pi / 180, "°"),),
-    "rad/s": ((1.0, "rad/s"),),
-    "1/s": ((1.0, "1/s"),),
     "V": ((1.0, "V"), (1e-3, "mV"), (1e-6, "µV")),
     "m/V": ((1.0, "m/V"), (1e-3, "mm/V"), (1e-6, "µm/V")),
     "degC": ((1.0, "°C"),),
     "deg": ((1.0, "°"),),
-    "px": ((1.0, "px"),),
 }
 
 # Plain decimals are read at a glance inside this range, powers of ten outside it.
@@ -59,13 +57,7 @@ _UNWANTED = re.compile(
 
 
 def clean(text: str) -> str:
-    """Replace control characters, half characters and reordering marks.
-
-    Examples
-    --------
-    >>> clean("a" + chr(0) + "b") == "a" + chr(0xFFFD) + "b"
-    True
-    """
+    """Replace control characters, half characters and reordering marks."""
     if text.isascii() and text.isprintable():
         return text
     return _UNWANTED.sub("\N{REPLACEMENT CHARACTER}", text.replace("\r\n", "\n"))
@@ -164,10 +156,8 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
         return _not_finite(value)
     if math.isnan(u):
         return f"{number(value / shown.factor)}{suffix} (uncertainty unknown)"
-    if u == 0:
-        return f"{_exact(value / shown.factor)}{suffix}"
     text = plus_minus(value / shown.factor, u / shown.factor)
-    return f"({text}){suffix}" if suffix else text
+    return f"({text}){suffix}" if suffix and u else f"{text}{suffix}"
 
 
 def quantity(value: float, unit: str = "1", digits: int = 3) -> str:
@@ -201,8 +191,9 @@ def plus_minus(value: float, u: float) -> str:
         raise InputError(f"a standard uncertainty cannot be negative, found {u}; pass its magnitude")
     if not (math.isfinite(value) and math.isfinite(u)):
         return f"{number(value)} ± {_not_finite(u)}" if math.isfinite(value) else _not_finite(value)
-    if u == 0:
-        return _exact(value)
+    if u == 0:  # up to six digits, no zeros that claim precision
+        mantissa, times, exact_power = number(value, 6).partition(" × ")
+        return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + exact_power
     largest = max(abs(value), u)
     place = _exponent(u, 2) - 1
     if _PLAIN_FROM <= largest < _PLAIN_BELOW and place > -9:
@@ -211,12 +202,6 @@ def plus_minus(value: float, u: float) -> str:
     factor = 10.0**power
     value_text, u_text = _fixed(value / factor, power - place), _fixed(u / factor, power - place)
     return f"({value_text} ± {u_text}) × {power_of_ten(power)}"
-
-
-def _exact(value: float) -> str:
-    """Write a number without an uncertainty: up to six digits, no zeros that claim precision."""
-    mantissa, times, power = number(value, 6).partition(" × ")
-    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
 
 
 def _exponent(value: float, digits: int) -> int:
@@ -236,7 +221,12 @@ def _not_finite(value: float) -> str:
     return "∞" if value > 0 else f"{MINUS}∞"
 
 
-Cell = float | int | str | bool | None
+class CellBlock:
+    """A block of a page that may be the cell of a table as well: a Link, a Notice, a Picture."""
+
+
+Cell = float | int | str | bool | tuple[float | None, float | None] | CellBlock | None
+"""A pair is a value with its standard uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -252,20 +242,19 @@ class Column:
         is no SI unit (``"mm"``, ``"%"``) is shown unchanged and nothing is rescaled.
     digits : int
         Significant digits of numbers without an uncertainty.
-    u : int, optional
-        Index of the column that holds the standard uncertainties of this one. That column is
-        then not shown by itself.
     """
 
     title: str
     unit: str = ""
     digits: int = 4
-    u: int | None = None
 
 
 @dataclass(frozen=True)
 class Table:
     """A table; numbers are in SI, ``None`` and NaN are shown as a dash.
+
+    A cell may be a pair of a value and its standard uncertainty, a Link to the page of the row, a Notice of its state,
+    or a small Picture: those are in a column without a title.
 
     Raises
     ------
@@ -274,8 +263,8 @@ class Table:
 
     Examples
     --------
-    >>> table = Table((Column("restitution", u=1), Column("u")), ((0.72918, 0.01234),))
-    >>> table_view(table).rows[0][0].text
+    >>> table = Table((Column("restitution"),), (((0.72918, 0.01234),),))
+    >>> table_view(table)[1][0][0].text
     '0.729 ± 0.012'
     """
 
@@ -314,40 +303,29 @@ class Listed:
     u: Sequence[Cell] | None = None
     digits: int = 4
 
-    def extended(self, count: int) -> "Listed":
-        """Return the first cells, with empty ones behind them where there are fewer."""
-        room: list[Cell] = [None] * count
-        u = None if self.u is None else [*self.u, *room][:count]
-        return replace(self, cells=[*self.cells, *room][:count], u=u)
-
 
 def listed(columns: Iterable[Listed], caption: str = "", *, sortable: bool = True) -> Table:
-    """Make a table of columns that bring their cells.
+    """Make a table of columns that bring their cells; those of a shorter column end with missing ones.
 
     Examples
     --------
     >>> table = listed([Listed("impact", [1, 2]), Listed("restitution", [0.8, 0.75], u=[0.01, 0.01])])
-    >>> [[cell.text for cell in row] for row in table_view(table).rows]
+    >>> [[cell.text for cell in row] for row in table_view(table)[1]]
     [['1', '0.800 ± 0.010'], ['2', '0.750 ± 0.010']]
     """
-    heads: list[Column] = []
-    cells: list[Sequence[Cell]] = []
-    for column in columns:
-        u = None if column.u is None else len(heads) + 1
-        heads.append(Column(column.title, column.unit, column.digits, u=u))
-        cells.append(column.cells)
-        if column.u is not None:
-            heads.append(Column("u", column.unit))
-            cells.append(column.u)
-    return Table(tuple(heads), list(zip(*cells, strict=True)), caption, sortable)
+    given = list(columns)
+    heads = tuple(Column(column.title, column.unit, column.digits) for column in given)
+    cells: Any = (c.cells if c.u is None else list(zip(c.cells, c.u, strict=True)) for c in given)
+    return Table(heads, list(zip_longest(*cells)), caption, sortable)
 
 
 class CellView(NamedTuple):
-    """A cell ready for the page: its text, the key it is sorted by, and its kind."""
+    """A cell ready for the page: its text, the key it is sorted by, and its kind, or the block that it holds."""
 
     text: str
     key: str = ""
     is_number: bool = False
+    block: CellBlock | None = None
 
 
 class HeadingView(NamedTuple):
@@ -358,40 +336,33 @@ class HeadingView(NamedTuple):
     is_number: bool
 
 
-class TableView(NamedTuple):
-    """Headings and cells of a table ready for the page."""
-
-    headings: tuple[HeadingView, ...]
-    rows: tuple[tuple[CellView, ...], ...]
-
-
-def table_view(table: Table) -> TableView:
-    """Turn numbers into texts: prefixes per column, uncertainties joined to their values."""
-    joined = {column.u for column in table.columns if column.u is not None}
+def table_view(table: Table) -> tuple[list[HeadingView], list[tuple[CellView, ...]]]:
+    """Return headings and rows for the page: prefixes per column, uncertainties joined to their values."""
     headings, columns = [], []
     for index, column in enumerate(table.columns):
-        if index in joined:
-            continue
-        pairs = [(row[index], None if column.u is None else row[column.u]) for row in table.rows]
+        cells = [row[index] for row in table.rows]
+        pairs: list[tuple[Any, Any]] = [cell if isinstance(cell, tuple) else (cell, None) for cell in cells]
         # a value far below its own uncertainty takes the prefix of that
-        sizes = (max((abs(float(c)) for c in pair if _is_number(c)), default=0.0) for pair in pairs)  # type: ignore[arg-type]
+        sizes = (max((abs(float(c)) for c in pair if _is_number(c)), default=0.0) for pair in pairs)
         unit = display_unit(sizes, column.unit)
-        cells = [_cell(cell, u, column, unit.factor) for cell, u in pairs]
-        is_number = any(cell.is_number for cell in cells)
+        views = [_cell(cell, u, column, unit.factor) for cell, u in pairs]
+        is_number = any(view.is_number for view in views)
         # a missing number stands where the number would stand
-        columns.append([c._replace(is_number=is_number and (c.is_number or c.text == NOT_AVAILABLE)) for c in cells])
+        columns.append([v._replace(is_number=is_number and (v.is_number or v.text == NOT_AVAILABLE)) for v in views])
         headings.append(HeadingView(column.title, unit.text, is_number))
-    rows = tuple(zip(*columns, strict=True)) if columns else ((),) * len(table.rows)
-    return TableView(tuple(headings), rows)
+    return headings, list(zip(*columns, strict=True)) if columns else [()] * len(table.rows)
 
 
-def _cell(cell: Cell, u: Cell, column: Column, factor: float) -> CellView:
+def _cell(cell: Any, u: Any, column: Column, factor: float) -> CellView:
     if isinstance(cell, bool):
         return CellView("yes" if cell else "no", str(int(cell)))
-    if cell is None or isinstance(cell, str) or not _is_number(cell):
-        return CellView(NOT_AVAILABLE) if cell is None else CellView(str(cell), str(cell))
+    if cell is None or isinstance(cell, str):
+        return CellView(NOT_AVAILABLE) if cell is None else CellView(cell, cell)
+    if not _is_number(cell):
+        text = getattr(cell, "text", "")
+        return CellView(text, text, block=cell)
     value = float(cell) / factor
-    if math.isfinite(value) and u is not None and _is_number(u):
+    if math.isfinite(value) and _is_number(u):
         text = plus_minus(value, float(u) / factor)
     elif isinstance(cell, int) and factor == 1.0:
         text = str(cell).replace("-", MINUS)

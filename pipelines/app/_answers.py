@@ -15,7 +15,7 @@ from starlette.routing import Route
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below, safe_join
-from labpipe.report import Picture
+from labpipe.report import Picture, plus_minus
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _history as history, _measuring as measuring, _setup as setup
 from pipelines.app._film import watched
@@ -53,15 +53,13 @@ class Answers:
             "/reports/{name:path}": self._report,
             "/api/picture": self._picture,
             "/api/frame": lambda request: Response(self._image(request).png(), media_type="image/png"),
+            "/api/image": lambda request: JSONResponse({"frames": self._image(request).frames}),
+            "/api/film": lambda request: JSONResponse(self._film(request)),
+            "/api/files": lambda request: JSONResponse(self.files()),
+            "/api/run": lambda request: JSONResponse(self.runs.state(_number(request, "after"))),
+            "/api/session": lambda request: JSONResponse(self.session()),
+            "/api/plan": lambda request: JSONResponse(outlook(self.folder, self._survey())),
         }
-        tells: dict[str, Callable[[Request], Told]] = {
-            "/api/files": lambda request: self.files(),
-            "/api/run": lambda request: self.runs.state(_number(request, "after")),
-        }
-        tells["/api/image"] = lambda request: {"frames": self._image(request).frames}
-        tells["/api/film"] = self._film
-        tells["/api/session"] = lambda request: self.session()
-        tells["/api/plan"] = lambda request: self.outlook()
         posts: dict[str, Callable[[Told], Told]] = {
             "/api/run": self.run,
             "/api/check": self.check,
@@ -70,9 +68,7 @@ class Answers:
             "/api/beside": self.beside,
         }
         routes = [Route(path, _guarded(answer), methods=["GET"]) for path, answer in gets.items()]
-        routes += [Route(path, _told(answer), methods=["GET"]) for path, answer in tells.items()]
-        routes += [Route(path, _asked(answer), methods=["POST"]) for path, answer in posts.items()]
-        return Starlette(routes=routes)
+        return Starlette(routes=[*routes, *(Route(path, _asked(a), methods=["POST"]) for path, a in posts.items())])
 
     # --- files ---
 
@@ -139,7 +135,7 @@ class Answers:
             raise InputError("expected two points of x and y") from None
         grey = measuring.picture(self.path(asked.get("name")), index).grey
         found = measuring.length(grey, (x1, y1), (x2, y2))
-        return {"points": found.points, "text": measuring.rounded(found.value, found.u), "found": found.found}
+        return {"points": found.points, "text": f"{plus_minus(found.value, found.u)} px", "found": found.found}
 
     def _report(self, request: Request) -> Response:
         path = self.path(f"labpipe/{request.path_params['name']}")
@@ -193,10 +189,6 @@ class Answers:
             )
         return texts, setup.changed(self.folder, texts, asked.get("edits"), self._draft)
 
-    def outlook(self) -> Told:
-        """Return the outlook of a run."""
-        return outlook(self.folder, self._survey())
-
     def run(self, asked: Told) -> Told:
         """Begin a run, watch, or stop."""
         action = asked.get("action")
@@ -237,10 +229,6 @@ def _guarded(answer: Callable[[Request], Response]) -> Callable[[Request], Respo
             return _refused(InputError(f"{error.strerror or error}"))
 
     return answered
-
-
-def _told(answer: Callable[[Request], Told]) -> Callable[[Request], Response]:
-    return _guarded(lambda request: JSONResponse(answer(request)))
 
 
 def _asked(answer: Callable[[Told], Told]) -> Any:

@@ -39,6 +39,10 @@ def _end_with_the_page() -> None:
     os.kill(os.getpid(), signal.SIGINT)
 
 
+def _tell_verdict(found: Any) -> None:
+    _tell(**found.document() | {"of": found.kind, "kind": "verdict"})
+
+
 def _tell(**event: Any) -> None:
     print(json.dumps(event), flush=True)  # noqa: T201 (the events are what this process is for)
 
@@ -53,20 +57,16 @@ def _processed(folder: Path) -> int:
         task, so_far = event.task, {"done": event.done, "total": event.total, "message": event.message}
         _tell(kind=event.kind, experiment=task.experiment, stage=task.stage, recording=task.recording, **so_far)
         if event.task.stage == JUDGEMENT and event.kind in ("done", "cached", "kept"):
-            _tell(**_judged(verdict_on(folder, event.task.experiment, is_running=True)))
+            _tell_verdict(verdict_on(folder, event.task.experiment, is_running=True))
 
     outcome = process(folder, jobs=max(1, min(processors(), 4)), progress=progress)
     for one in verdicts_of(outcome).experiments:  # those that failed, and what the session as a whole tells
         if one.state != "waiting":  # told next
-            _tell(**_judged(one))
+            _tell_verdict(one)
     for name, lines in outcome.session.waiting.items():
         _tell(kind="waiting", experiment=name, message="\n".join(shortened(name, lines)))
     _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))
     return outcome.exit_code
-
-
-def _judged(found: Any) -> dict[str, Any]:
-    return found.document() | {"of": found.kind, "kind": "verdict"}
 
 
 def _watched(folder: Path) -> int:
@@ -77,7 +77,7 @@ def _watched(folder: Path) -> int:
         for news in watcher.look():
             _tell(kind="news", experiment=news.experiment, state=news.state, message=news.text)
             if news.state == "processed":
-                _tell(**_judged(verdict_on(folder, news.experiment)))
+                _tell_verdict(verdict_on(folder, news.experiment))
         time.sleep(_SECONDS)
 
 

@@ -13,7 +13,7 @@ import json
 import re
 import tomllib
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -74,84 +74,49 @@ def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
 
 def rename(text: str, name: str, to: str, kinds: Mapping[str, type[msgspec.Struct]]) -> str:
     """Give an experiment another name, also where others refer to it."""
-    tree = _tree(text)
-    _require(tree, name)
-    if to in tree[EXPERIMENTS] or not to.strip():
-        raise InputError(f'there is an experiment "{to}" already' if to.strip() else "a name is needed")
-    blocks = [
-        (path, _renamed(block, path, to) if path[:2] == (EXPERIMENTS, name) else block) for path, block in _blocks(text)
-    ]
+    tree = _tree(text, name)
+    _require_new(tree, to)
     tree[EXPERIMENTS] = {to if key == name else key: table for key, table in tree[EXPERIMENTS].items()}
-    changed = _as_meant("".join(block for _, block in blocks), tree, (EXPERIMENTS, name))
+    changed = _rewritten(text, name, tree, lambda own: _renamed(own, to))
     for place, kind, value in leaves(tree, kinds):
         if mark(split(bare_type(kind))[1], ReferenceMark) and value in (name, REFERENCE + name):
-            at = tuple(to if i == 1 and key == name else key for i, key in enumerate(place))
-            changed = set_value(changed, at, REFERENCE + to if value.startswith(REFERENCE) else to)
+            changed = set_value(changed, place, REFERENCE + to if value.startswith(REFERENCE) else to)
     return changed
 
 
 def remove(text: str, name: str) -> str:
     """Leave an experiment out."""
-    tree = _tree(text)
-    _require(tree, name)
+    tree = _tree(text, name)
     del tree[EXPERIMENTS][name]
     if not tree[EXPERIMENTS]:
         raise InputError("a session needs an experiment; this is the last one")
-    kept = "".join(block for path, block in _blocks(text) if path[:2] != (EXPERIMENTS, name))
-    return _as_meant(kept, tree, (EXPERIMENTS, name))
+    return _rewritten(text, name, tree, lambda own: "")
 
 
 def replaced(text: str, name: str, tables: str) -> str:
     """Write other tables of TOML in the place of an experiment's."""
-    tree = _tree(text)
-    _require(tree, name)
+    tree = _tree(text, name)
     tree[EXPERIMENTS][name] = _tree(tables)[EXPERIMENTS][name]
-    blocks = _blocks(text)
-    own = [number for number, (path, _) in enumerate(blocks) if path[:2] == (EXPERIMENTS, name)]
-    if not own:
-        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
-    end = "\n\n" if blocks[own[-1]][1].endswith("\n\n") else "\n"
-    kept = {own[0]: tables.rstrip("\n") + end} | {n: block for n, (_, block) in enumerate(blocks) if n not in own}
-    return _as_meant("".join(kept[number] for number in sorted(kept)), tree, (EXPERIMENTS, name))
-
-
-def duplicate(text: str, name: str, to: str) -> str:
-    """Write an experiment a second time, behind the first."""
-    tree = _tree(text)
-    _require(tree, name)
-    if to in tree[EXPERIMENTS] or not to.strip():
-        raise InputError(f'there is an experiment "{to}" already' if to.strip() else "a name is needed")
-    tree[EXPERIMENTS][to] = copy.deepcopy(tree[EXPERIMENTS][name])
-    blocks = _blocks(text)
-    own = [number for number, (path, _) in enumerate(blocks) if path[:2] == (EXPERIMENTS, name)]
-    if not own:
-        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
-    before = "".join(block for _, block in blocks[: own[-1] + 1])
-    again = "".join(_renamed(blocks[i][1], blocks[i][0], to) for i in own)
-    after = "".join(block for _, block in blocks[own[-1] + 1 :])
-    return _as_meant(
-        before.rstrip("\n") + "\n\n" + again.rstrip("\n") + "\n\n" * bool(after) + after, tree, (EXPERIMENTS, to)
-    )
+    return _rewritten(text, name, tree, lambda own: tables)
 
 
 def separate(text: str, name: str, to: str, key: str, names: Sequence[str]) -> str:
-    """Put some recordings of an experiment into a second one with the same settings."""
-    tree = _tree(text)
-    _require(tree, name)
+    """Put some recordings of an experiment into a second one with the same settings, behind the first."""
+    tree = _tree(text, name)
+    _require_new(tree, to)
     here = tree[EXPERIMENTS][name].get(key)
     chosen = [file for file in here if file in names] if isinstance(here, list) else []
     rest = [file for file in here if file not in names] if isinstance(here, list) else []
     if not chosen or not rest:
         raise InputError("choose some of the recordings, and not all of them")
-    changed = duplicate(text, name, to)
-    return set_value(set_value(changed, (EXPERIMENTS, name, key), rest), (EXPERIMENTS, to, key), chosen)
+    tree[EXPERIMENTS][to] = copy.deepcopy(tree[EXPERIMENTS][name])
+    changed = _rewritten(text, name, tree, lambda own: "\n\n".join(_renamed(own, at).rstrip() for at in (name, to)))
+    return set_values(changed, [((EXPERIMENTS, name, key), rest), ((EXPERIMENTS, to, key), chosen)])
 
 
 def join(text: str, name: str, other: str, key: str) -> str:
     """Put the recordings of another experiment of the same kind behind those of this one."""
-    tree = _tree(text)
-    _require(tree, name)
-    _require(tree, other)
+    tree = _tree(text, name, other)
     first, second = tree[EXPERIMENTS][name], tree[EXPERIMENTS][other]
     if name == other or first.get("kind") != second.get("kind"):
         raise InputError(f'"{name}" and "{other}" are not of one kind')
@@ -161,8 +126,7 @@ def join(text: str, name: str, other: str, key: str) -> str:
 
 def add(text: str, name: str, key: str, names: Sequence[str]) -> str:
     """Put recordings behind those of an experiment."""
-    tree = _tree(text)
-    _require(tree, name)
+    tree = _tree(text, name)
     here = tree[EXPERIMENTS][name].get(key)
     if not isinstance(here, list):
         raise InputError(f"{name}: {key} is no list of recordings")
@@ -174,25 +138,28 @@ def leaves(tree: Mapping[str, Any], kinds: Mapping[str, type[msgspec.Struct]]) -
     """Yield place, type and value of every setting of every experiment that is written."""
     for name, table in tree.get(EXPERIMENTS, {}).items():
         if isinstance(table, dict) and table.get("kind") in kinds:
-            for place, kind, value in values(kinds[table["kind"]], table, (EXPERIMENTS, name)):
+            for place, kind, value, _ in values(kinds[table["kind"]], table, (EXPERIMENTS, name)):
                 if value is not None:
                     yield place, kind, value
 
 
-def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tuple[Place, Any, Any]]:
-    """Yield place, type and value of every field of a structure; None where it is not written."""
+def values(
+    kind: type[msgspec.Struct], table: Any, place: Place, is_required: bool = True
+) -> Iterator[tuple[Place, Any, Any, bool]]:
+    """Yield every field of a structure: place, type, value (None where it is not written), and if it must be there."""
     table = table if isinstance(table, dict) else {}
     for info in msgspec.structs.fields(kind):
+        must = is_required and info.required
         name, bare = info.encode_name, split(bare_type(info.type))[0]
         inner = typing.get_args(bare)[0] if typing.get_origin(bare) is list else None
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
-            yield from values(bare, table.get(name), (*place, name))
+            yield from values(bare, table.get(name), (*place, name), must)
         elif inner is not None and isinstance(inner, type) and issubclass(inner, msgspec.Struct):
             items = table.get(name)
             for number, item in enumerate(items if isinstance(items, list) else ()):
-                yield from values(inner, item, (*place, name, number))
+                yield from values(inner, item, (*place, name, number), must)
         else:
-            yield (*place, name), info.type, table.get(name)
+            yield (*place, name), info.type, table.get(name), must
 
 
 def remarks(text: str) -> dict[Place, str]:
@@ -259,11 +226,25 @@ def as_value(kind: Any, text: str) -> Any:
 # --- the text ------------------------------------------------------------------------------------
 
 
-def _tree(text: str) -> dict[str, Any]:
+def tree_of(text: str) -> dict[str, Any]:
+    """Return what a file of TOML holds; nothing where it is damaged, which is shown where it is checked."""
     try:
         return tomllib.loads(text.replace("\r\n", "\n"))
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _tree(text: str, *names: str) -> dict[str, Any]:
+    """Return the content of a text, which must hold these experiments."""
+    try:
+        tree = tomllib.loads(text.replace("\r\n", "\n"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"the file is not TOML ({error}); correct it by hand first") from None
+    tables = tree.get(EXPERIMENTS)
+    for name in names:
+        if not isinstance(tables, dict) or not isinstance(tables.get(name), dict):
+            raise InputError(f'there is no experiment "{name}"')
+    return tree
 
 
 def _set(tree: Any, place: Place, value: Any) -> None:
@@ -282,11 +263,7 @@ def _set(tree: Any, place: Place, value: Any) -> None:
 
 
 def _as_meant(text: str, meant: Mapping[str, Any], place: Place) -> str:
-    try:
-        found = tomllib.loads(text.replace("\r\n", "\n"))
-    except ValueError:
-        found = None
-    if found != meant:
+    if tree_of(text) != meant:
         message = f"{_shown(place)} is written in a way that cannot be changed here; change session.toml by hand"
         raise InputError(message)
     return text
@@ -313,13 +290,28 @@ def _relisted(array: Any, wanted: Sequence[Any]) -> bool:
     return True
 
 
-def _require(tree: Mapping[str, Any], name: str) -> None:
-    tables = tree.get(EXPERIMENTS)
-    if not isinstance(tables, dict) or not isinstance(tables.get(name), dict):
-        raise InputError(f'there is no experiment "{name}"')
+def _require_new(tree: Mapping[str, Any], name: str) -> None:
+    if name in tree[EXPERIMENTS] or not name.strip():
+        raise InputError(f'there is an experiment "{name}" already' if name.strip() else "a name is needed")
 
 
-def _blocks(text: str) -> list[tuple[tuple[str, ...], str]]:
+Block = tuple[tuple[str, ...], str]
+"""Lines from a header to the next one: the keys of the header, and the text."""
+
+
+def _rewritten(text: str, name: str, meant: Mapping[str, Any], write: Callable[[list[Block]], str]) -> str:
+    """Write the blocks of an experiment anew, in the place of the first; `meant` is what the text must hold then."""
+    blocks = _blocks(text)
+    own = [block for block in blocks if block[0][:2] == (EXPERIMENTS, name)]
+    if not own:
+        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
+    made, last = write(own).rstrip(), own[-1][1]
+    kept = [block for block in blocks if block not in own]
+    kept.insert(blocks.index(own[0]), ((), made and made + last[len(last.rstrip()) :]))
+    return _as_meant("".join(block for _, block in kept), meant, (EXPERIMENTS, name))
+
+
+def _blocks(text: str) -> list[Block]:
     """Cut a text at its headers; remarks right above a header go with it."""
     found: list[tuple[tuple[str, ...], list[str]]] = [((), [])]
     for line in text.splitlines(keepends=True):
@@ -353,17 +345,18 @@ def _path_of(line: str) -> tuple[str, ...] | None:
     return tuple(path)
 
 
-def _renamed(block: str, path: tuple[str, ...], to: str) -> str:
-    """Write the header of a block with another name of its experiment."""
-    lines = block.splitlines(keepends=True)
-    for number, line in enumerate(lines):
-        bare = line.rstrip("\r\n")
-        if (match := _HEADER.match(bare)) is not None and _path_of(bare) == path:
-            keys = (path[0], to, *path[2:])
-            inner = ".".join(key if _NAME.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in keys)
-            lines[number] = f"{match[1]}{inner}{match[3]}{line[len(bare) :]}"
-            break
-    return "".join(lines)
+def _renamed(blocks: Sequence[Block], to: str) -> str:
+    """Write blocks of an experiment with another name of it in their headers."""
+    written = []
+    for path, block in blocks:
+        keys = (path[0], to, *path[2:])
+        inner = ".".join(key if _NAME.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in keys)
+        for line in block.splitlines(keepends=True):
+            if _path_of(line.rstrip("\r\n")) == path:
+                begin, end = _HEADER.match(line.rstrip("\r\n")).span(2)  # type: ignore[union-attr]  # it has a path
+                line = f"{line[:begin]}{inner}{line[end:]}"  # noqa: PLW2901
+            written.append(line)
+    return "".join(written)
 
 
 def _shown(place: Place) -> str:

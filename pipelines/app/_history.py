@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import itertools
-import tomllib
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 from labpipe import files
 from labpipe.errors import InputError
 from labpipe.workflow.session import FILE_NAME
-from pipelines.app._edits import EXPERIMENTS, inline
+from pipelines.app._edits import EXPERIMENTS, inline, tree_of
 from pipelines.experiments import KINDS
 
 _FOLDER = "labpipe/history"
@@ -79,14 +78,6 @@ def _shown(value: Any) -> str:
     if isinstance(value, str):
         return "to be filled in" if value.startswith("FILL") else value.replace("degC", "°C")
     return "–" if value is None else inline(value) if isinstance(value, list) else str(value)
-
-
-def tree_of(text: str) -> dict[str, Any]:
-    """Return what a file of TOML holds; nothing where it is damaged, which is shown where it is checked."""
-    try:
-        return tomllib.loads(text.replace("\r\n", "\n"))
-    except (ValueError, RecursionError):
-        return {}
 
 
 def write(folder: Path, old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:

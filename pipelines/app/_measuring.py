@@ -126,13 +126,13 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     start = _coarse(x, profiles.mean(axis=0))
     fits = {kind: _fitted(x, profiles.mean(axis=0), kind, start[kind]) for kind in start}
     kind = min(fits, key=lambda name: fits[name][1])
-    model, _, signal, noise = fits[kind]
-    each = [_fitted(x, profile, kind, model) for profile in profiles]
+    model, noise = fits[kind]
+    each = np.array([_fitted(x, profile, kind, model)[0] for profile in profiles])
     reach = 3.0 * abs(model[2]) + 2.0
-    kept = np.array([abs(m[1] - model[1]) < reach and np.sign(m[0]) == np.sign(model[0]) for m, _, _, _ in each])
-    if signal < _LEAST_SIGNAL * noise or kept.sum() < _LEAST_ROWS or abs(model[1]) > _REACH - 1:
+    kept = (np.abs(each[:, 1] - model[1]) < reach) & (np.sign(each[:, 0]) == np.sign(model[0]))
+    if abs(model[0]) < _LEAST_SIGNAL * noise or kept.sum() < _LEAST_ROWS or abs(model[1]) > _REACH - 1:
         raise InputError(f"nothing is found at ({place[0]:.0f}, {place[1]:.0f}): click on an edge or a graduation")
-    shifts = np.array([m[1] for m, _, _, _ in each])[kept]
+    shifts = each[kept, 1]
     slope, middle = np.polyfit(rows[kept], shifts, 1)
     rest = shifts - (slope * rows[kept] + middle)
     # Interpolation between pixels makes neighbouring profiles alike where the line is oblique.
@@ -143,15 +143,12 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
 
 def _interpolated(grey: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return grey levels at places (…, [x, y]) by cubic splines, which shift no edge."""
-    from scipy.ndimage import map_coordinates, spline_filter
+    from scipy.ndimage import map_coordinates
 
     low = np.maximum(np.floor(at.min(axis=(0, 1))).astype(int) - 8, 0)
     high = np.minimum(np.ceil(at.max(axis=(0, 1))).astype(int) + 9, np.array(grey.shape[::-1]))
-    part = spline_filter(grey[low[1] : high[1], low[0] : high[0]], order=3)
-    found: NDArray[np.float64] = map_coordinates(
-        part, [at[..., 1] - low[1], at[..., 0] - low[0]], order=3, prefilter=False
-    )
-    return found
+    places = np.moveaxis(at - low, -1, 0)[::-1]
+    return np.asarray(map_coordinates(grey[low[1] : high[1], low[0] : high[0]], places, order=3))
 
 
 def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
@@ -170,8 +167,8 @@ def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, N
 
 def _fitted(
     x: NDArray[np.float64], profile: NDArray[np.float64], kind: str, start: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float, float, float]:
-    """Fit a profile; return height, place, width and base, residuals, the height, and the noise.
+) -> tuple[NDArray[np.float64], float]:
+    """Fit a profile; return height, place, width and base, and the noise that is left.
 
     Only the neighbourhood of the first guess counts: graduations stand side by side.
     """
@@ -186,17 +183,4 @@ def _fitted(
         return np.asarray(erf(t / math.sqrt(2)) if kind == "edge" else np.exp(-0.5 * t**2))
 
     done = least_squares(lambda p: p[3] + p[0] * shape(p) - profile, start, max_nfev=60)
-    left = float(np.sqrt(np.sum(done.fun**2) / max(len(x) - 4, 1)))
-    return done.x, left, abs(float(done.x[0])), left
-
-
-def rounded(value: float, u: float) -> str:
-    """Write a length with its uncertainty as a record does: ``386.21 ± 0.12 px``.
-
-    Examples
-    --------
-    >>> rounded(386.2134, 0.1234)
-    '386.21 ± 0.12 px'
-    """
-    digits = max(0, 1 - math.floor(math.log10(u))) if u > 0 else 4
-    return f"{value:.{digits}f} ± {u:.{digits}f} px"
+    return done.x, float(np.sqrt(np.sum(done.fun**2) / max(len(x) - 4, 1)))

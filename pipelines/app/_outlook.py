@@ -33,28 +33,18 @@ def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
         return told | {"problem": str(error)}
     session = made.session
     failed = _failures(session)
+    empty = {"title": "", "steps": 0, "to_run": 0, "why": "", "what": [], "failed": "", "waits": [], "page": False}
     cards = []
     for name, rows in itertools.groupby(made.rows, key=lambda row: row.experiment):
         own = list(rows)
         open_ = [row for row in own if row.state not in READY]
-        cards.append(
-            {
-                "name": name,
-                "title": KINDS[session.experiments[name].kind].title,
-                "steps": len(own),
-                "to_run": len(open_),
-                "why": open_[0].reason if open_ else "",
-                "what": list(dict.fromkeys(row.summary for row in open_))[:_MOST_STEPS],
-                "failed": failed.get(name, "") if open_ else "",
-                "waits": [],
-                "page": (session.folder / page_name(name)).is_file(),
-            }
-        )
-    cards += [
-        {"name": name, "title": "", "steps": 0, "to_run": 0, "why": "", "what": [], "failed": ""}
-        | {"waits": shortened(name, lines), "page": False}
-        for name, lines in session.waiting.items()
-    ]
+        card = {"name": name, "title": KINDS[session.experiments[name].kind].title, "steps": len(own)}
+        card |= {"to_run": len(open_), "page": (session.folder / page_name(name)).is_file()}
+        if open_:
+            what = list(dict.fromkeys(row.summary for row in open_))[:_MOST_STEPS]
+            card |= {"why": open_[0].reason, "what": what, "failed": failed.get(name, "")}
+        cards.append(empty | card)
+    cards += [empty | {"name": n, "waits": shortened(n, lines)} for n, lines in session.waiting.items()]
     return told | {"summary": made.summary, "known": bool(made.estimate or not made.to_run), "experiments": cards}
 
 

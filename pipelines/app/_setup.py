@@ -26,13 +26,16 @@ from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits, _history as history
-from pipelines.app._history import tree_of
+from pipelines.app._edits import tree_of
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
 from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, load, remedy, template_of
 
 Told = dict[str, Any]
+_LONGEST = 2000  # characters of a value
+_RECORD_FIELDS = ("calibration", "camera", "record")
+_SYMBOLS = {"nu": "Poisson's ratio ν", "T_ref": "reference temperature"}
 _PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
 
 
@@ -159,9 +162,9 @@ def _of_kind(texts: Mapping[str, str], name: str, to: str) -> str:
     """Write an experiment as one of another kind: its recordings and all values that both kinds have are kept."""
     ((template,), _), old = template_of([to]), tree_of(texts[FILE_NAME])[edits.EXPERIMENTS][name]
     lines = "\n".join(line for line in template.splitlines() if not line.startswith("# "))
-    had = {place: value for place, _, value in edits.values(SETTINGS[old["kind"]], old, ()) if GAP not in str(value)}
+    had = {place: value for place, _, value, _ in edits.values(SETTINGS[old["kind"]], old, ()) if GAP not in str(value)}
     changes = []
-    for place, of, before in list(edits.values(SETTINGS[to], tree_of(lines)[edits.EXPERIMENTS][to], ())):
+    for place, of, before, _ in list(edits.values(SETTINGS[to], tree_of(lines)[edits.EXPERIMENTS][to], ())):
         key = place[-1]
         value = had.get(place)
         if value is None and before is not None:  # at the top in one kind, in a table of each drop in another
@@ -200,9 +203,6 @@ def _new_record(folder: Path, texts: dict[str, str], kind: str, view: str, names
     texts[FILE_NAME] = edits.set_values(texts[FILE_NAME], [((edits.EXPERIMENTS, name, key), made) for name in names])
 
 
-_LONGEST = 2000
-
-
 def _as_value(kind: Any, typed: str, before: Any) -> Any:
     """Return the value written for a typed text; a bare number gets the previous unit, or the usual one."""
     usual = gap_for(kind).removeprefix(GAP).strip()
@@ -231,23 +231,10 @@ def _type_at(text: str, name: str, place: edits.Place) -> tuple[Any, bool]:
         prefix: edits.Place = place[:2]
     else:
         kind, node, prefix = RECORDS.get(str(tree.get("kind"))), tree, ()
-    for at, of, _ in () if kind is None else edits.values(kind, node, prefix):
+    for at, of, _, is_required in () if kind is None else edits.values(kind, node, prefix):
         if at == place:
-            return of, _is_required(kind, place[len(prefix) :])
+            return of, is_required
     raise InputError(f"{'.'.join(map(str, place))}: there is no such setting")
-
-
-def _is_required(kind: Any, path: edits.Place) -> bool:
-    """Return whether a field and all tables around it must be there."""
-    for key in path:
-        if isinstance(key, int):
-            continue
-        info = next(f for f in msgspec.structs.fields(kind) if f.encode_name == key)
-        if not info.required:
-            return False
-        bare = split(bare_type(info.type))[0]
-        kind = typing.get_args(bare)[0] if typing.get_origin(bare) is list else bare
-    return True
 
 
 # --- what the page shows -------------------------------------------------------------------------
@@ -298,7 +285,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
 def _fields(
     folder: Path, kind: Any, table: Any, prefix: edits.Place, file: str, remarks: Mapping[edits.Place, str]
 ) -> Iterator[Told]:
-    for place, of, value in edits.values(kind, table, prefix):
+    for place, of, value, is_required in edits.values(kind, table, prefix):
         path = place[len(prefix) :]
         if path in (("kind",), ("version",)):
             continue
@@ -318,7 +305,7 @@ def _fields(
             "files": value if is_files and isinstance(value, list) else None,
             "expected": _expected(of, path),
             "remark": remarks.get(place, ""),
-            "required": _is_required(kind, path),
+            "required": is_required,
             "gap": is_gap(value),
             "choices": choices,
             "suggestions": [str(word) for words in options for word in words],  # where a word or a table is taken
@@ -359,12 +346,6 @@ def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> b
     place = dotted((edits.EXPERIMENTS, name))
     inside, records = (f"{place}.", f"{place}["), [table.get(key) for key in _RECORD_FIELDS]
     return any(p["place"] == place or p["place"].startswith(inside) or p["file"] in records for p in problems)
-
-
-_RECORD_FIELDS = ("calibration", "camera", "record")
-
-
-_SYMBOLS = {"nu": "Poisson's ratio ν", "T_ref": "reference temperature"}
 
 
 def _label(path: edits.Place) -> str:

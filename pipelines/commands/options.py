@@ -87,6 +87,11 @@ def emit(document: Any, lines: Iterable[str], *, errors: Iterable[str] = (), cod
         click.get_current_context().exit(code)
 
 
+def members(found: object, *names: str) -> dict[str, Any]:
+    """Return members of an object by name, for a document."""
+    return {name: getattr(found, name) for name in names}
+
+
 def reading_options(function: F) -> F:
     """Add ``--instrument`` and the options of readers, for values that a raw file does not hold.
 

@@ -1,12 +1,12 @@
 """Commands on files, results and data packages."""
 
-import itertools
 import shutil
 from pathlib import Path
 from typing import Any
 
 import click
 
+from pipelines import session as verbs
 from pipelines.commands.options import (
     FOLDER,
     NEW_FILE,
@@ -16,11 +16,12 @@ from pipelines.commands.options import (
     jobs_option,
     json_option,
     keep_option,
+    members,
     names_option,
     reading_options,
     session_argument,
 )
-from pipelines.session import FORMATS
+from pipelines.commands.progress import is_shown, watching
 
 _LONGEST = 28  # characters of a text in a table of the terminal
 
@@ -44,16 +45,13 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None) -> None:
       labpipe inspect old/bare.csv --instrument keyence --cycle "50 us" --unit mm
       labpipe inspect run.csv --columns 'time = "Time (s)", displacement = "Position (m)"'
     """
-    from pipelines.session import inspect as look
-
-    found = look(source, out=out, **reading)
-    lines = found.lines()
-    emit(found, (as_typed(line) if line.startswith("problem: ") else line for line in lines))
+    found = verbs.inspect(source, out=out, **reading)
+    emit(found, (as_typed(line) if line.startswith("problem: ") else line for line in found.lines()))
 
 
 @click.command()
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
-@click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", help="Format of the files.")
+@click.option("--format", "-f", "kind", type=click.Choice(verbs.FORMATS), default="csv", help="Format of the files.")
 @names_option("--only", "--experiment", help="Only these experiments of a session.")
 @names_option("--stage", "stages", help="Only these stages, such as bounces.")
 @click.option("--out", type=NEW_FOLDER, help="Folder; default SESSION/labpipe/export, or here for a file.")
@@ -83,10 +81,8 @@ def export(source: Path, kind: str, stages: list[str] | None, force: bool, **opt
       labpipe export my-session --experiment nbr_dma --format abaqus --bulk constant
       labpipe export my-session/laser/drop_1.csv --format mat
     """
-    from pipelines import session as verbs
-
     done = verbs.export(source, kind, stages=stages or (), replace=force, **options)
-    document = {"files": [str(p) for p in done.paths], "left_out": list(done.left_out)}
+    document = {"files": done.paths, "left_out": done.left_out}
     emit(document, map(str, done.paths), errors=(f"left out: {line}" for line in done.left_out))
 
 
@@ -106,11 +102,9 @@ def bundle(session: Path, out: Path | None, decimal: str) -> None:
       labpipe bundle my-session
       labpipe bundle my-session --decimal , --out acrylic.zip
     """
-    from pipelines.session import bundle as verb
-
-    path = verb(session, out, decimal=decimal)
+    path = verbs.bundle(session, out, decimal=decimal)
     size = path.stat().st_size
-    emit({"path": str(path), "bytes": size}, [f"{path}: {size / 1e6:.1f} MB"])
+    emit({"path": path, "bytes": size}, [f"{path}: {size / 1e6:.1f} MB"])
 
 
 @click.command()
@@ -131,17 +125,15 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
       labpipe compare my-session
       labpipe compare my-session --beside acrylic_7mm acrylic_10mm
     """
-    from pipelines.commands.progress import watching
     from pipelines.experiments.shared.judgements import chance
     from pipelines.experiments.shared.pages import counted
-    from pipelines.session import beside as side_by_side, compare as verb, comparison_text
 
     if beside:
-        page = side_by_side(session, *beside)
-        emit({"page": str(page)}, [f"page: {page}"])
+        page = verbs.beside(session, *beside)
+        emit({"page": page}, [f"page: {page}"])
         return
     with watching() as progress:
-        found = verb(session, jobs=jobs, keep=keep or None, progress=progress)
+        found = verbs.compare(session, jobs=jobs, keep=keep or None, progress=progress)
     lines = []
     for whole in found.experiments:
         head = f"{whole['experiment']:24} {whole['model']}"
@@ -155,9 +147,9 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
     for row in sorted(found.rows, key=lambda row: (row.is_curve, -abs(row.deviation or 0.0), -(row.nrmse or 0.0))):
         kept = f"  (earlier code: {', '.join(row.kept)})" if row.kept else ""
         where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
-        lines.append(f"{where} {comparison_text(row)}{kept}")
-    document: dict[str, Any] = {"page": str(found.page), "rows": [row.document() for row in found.rows]}
-    document |= {"experiments": list(found.experiments), "failed": found.failed, "absent": found.absent}
+        lines.append(f"{where} {verbs.comparison_text(row)}{kept}")
+    document = {"page": found.page, "rows": [row.document() for row in found.rows]}
+    document |= members(found, "experiments", "failed", "absent")
     emit(document, [*lines, f"page: {found.page}"], code=1 if found.failed else 0)
 
 
@@ -193,15 +185,11 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
       labpipe catalogue sessions --where "believable <> 'yes'" --columns session,experiment,findings,cause
       labpipe catalogue sessions --table results --where "variable = 'restitution' and item = 0"
     """
-    from pipelines.session import catalogue as verb
-
-    done = verb(folders, database, columns=columns or (), **options)
+    done = verbs.catalogue(folders, database, columns=columns or (), **options)
     frame, units, n = done.table, done.table.attrs["units"], len(done.renewed)
     records = frame.astype(object).where(frame.notna(), None).to_dict("records")
     rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
-    names = ("renewed", "unchanged", "problems")
-    document = {"database": str(done.path), "page": str(done.page)}
-    document |= {name: getattr(done, name) for name in names}
+    document = {"database": done.path, **members(done, "page", "renewed", "unchanged", "problems")}
     shown = frame
     if not columns:  # no uncertainties, no lists of files, and nothing that is the same in all rows
         always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
@@ -212,15 +200,18 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
             if len(values) and (name in always or (values.nunique() > 1 and name[:2] != "u_"))
             and not values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
         ]]  # fmt: skip
-    shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()})
-    shown = shown.map(lambda v: f"{v:.5g}" if isinstance(v, float) else str(v)).replace({"nan": "", "None": ""})
-    if not columns:  # as many as the terminal holds, long texts cut
-        shown = shown.map(lambda text: text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…")
-    ends = [max(map(len, [name, *shown[name]]), default=0) + 2 for name in map(str, shown.columns)]
-    room = shutil.get_terminal_size((100, 24)).columns
-    fitting = len(ends) if columns else sum(end <= room for end in itertools.accumulate(ends))
-    lines = shown.iloc[:, :fitting].to_string(index=False).splitlines() if len(frame) else []
-    if len(frame) and (hidden := shown.columns[fitting:].tolist()):
+    shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
+    shown = shown.where(shown.notna(), "")
+    count, longest = len(shown.columns), None if columns else _LONGEST
+
+    def written() -> list[str]:
+        part = shown.iloc[:, :count]
+        return part.to_string(index=False, float_format="{:.5g}".format, max_colwidth=longest).splitlines()
+
+    while not columns and count > 1 and len(written()[0]) > shutil.get_terminal_size((100, 24)).columns:
+        count -= 1  # as many as the terminal holds
+    lines = written() if len(frame) else []
+    if len(frame) and (hidden := shown.columns[count:].tolist()):
         lines.append(f"not shown: {', '.join(hidden)} (name some with --columns)")
     counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged"
     lines += [f"{len(frame)} rows; {counts}; {done.path}", f"page: {done.page}"]
@@ -246,15 +237,12 @@ def trend(folders: tuple[Path, ...], database: Path | None, where: str, out: Pat
       labpipe trend sessions
       labpipe trend sessions --where "material = 'acrylic'" --out acrylic.html
     """
-    from pipelines.session import trend as verb
-
-    found = verb(folders, database, where=where, out=out)
+    found = verbs.trend(folders, database, where=where, out=out)
     lines = [f"{owner} drifts: {text}" for owner, texts in found.drifts.items() for text in texts]
     lines += [*repr(found).splitlines(), f"page: {found.page}"]
-    names = ("drifts", "undated", "problems")
-    document = {"page": str(found.page), **{name: getattr(found, name) for name in names}}
+    document = members(found, "page", "drifts", "undated", "problems") | {"charts": found.documents()}
     problems = [f"{name}: {problem}" for name, problem in found.problems.items()]
-    emit(document | {"charts": found.documents()}, lines, errors=problems, code=bool(problems))
+    emit(document, lines, errors=problems, code=bool(problems))
 
 
 @click.command()
@@ -272,16 +260,8 @@ def sensitivity(session: Path, which: str | None) -> None:
       labpipe sensitivity my-session
       labpipe sensitivity my-session ball_drop
     """
-    from labpipe.report import value_with_uncertainty
-    from pipelines.session import sensitivity as verb
-
-    found = verb(session, which)
-    rows, lines = found.documents(), []
-    for row in rows:
-        value = value_with_uncertainty(row["value"], row["u"], row["unit"])
-        lines.append(f"{row['experiment']}, {row['quantity']}: {value}; to halve the uncertainty: {row['to_halve']}")
-    lines += [f"page: {page}" for page in found.pages]
-    emit({"pages": [str(page) for page in found.pages], "quantities": rows}, lines)
+    found = verbs.sensitivity(session, which)
+    emit({"pages": found.pages, "quantities": found.documents()}, repr(found).splitlines())
 
 
 @click.command()
@@ -308,7 +288,6 @@ def identify(session: Path, experiments: list[str] | None, **options: Any) -> No
       labpipe identify my-session -e acrylic_5mm -e acrylic_10mm
       labpipe identify my-session -e nbr_relaxation --prior dma
     """
-    from pipelines.commands.progress import is_shown
     from pipelines.identify import identify as verb
 
     def say(text: str) -> None:
@@ -342,17 +321,9 @@ def publish(session: Path, out: Path, **options: Any) -> None:
       labpipe publish my-session --out my-package
       labpipe publish my-session --out for-review --anonymous
     """
-    from pipelines.commands.progress import watching
-    from pipelines.session import publish as verb
-
     with watching() as progress:
-        done = verb(session, out, progress=progress, **options)
-    document = {
-        "folder": str(done.folder),
-        "files": done.sizes,
-        "left_out": list(done.left_out),
-        "struck": list(done.struck),
-    }
+        done = verbs.publish(session, out, progress=progress, **options)
+    document = members(done, "folder", "left_out", "struck") | {"files": done.sizes}
     emit(document, [repr(done), f"then: labpipe verify {out}"], code=1 if done.left_out else 0)
 
 
@@ -372,13 +343,10 @@ def verify(folder: Path, **options: Any) -> None:
       labpipe verify my-package
       labpipe verify my-package --tolerance 1e-9 --json
     """
-    from pipelines.commands.progress import watching
-    from pipelines.session import verify as verb
-
     with watching() as progress:
-        done = verb(folder, progress=progress, **options)
-    rows = [{"name": r.name, "deviation": r.deviation, "differs": list(r.differs)} for r in done.results]
-    document = {"folder": str(done.folder), "files": done.files, "tolerance": done.tolerance, "results": rows}
+        done = verbs.verify(folder, progress=progress, **options)
+    rows = [members(row, "name", "deviation", "differs") for row in done.results]
+    document = members(done, "folder", "files", "tolerance") | {"results": rows}
     emit(document, [repr(done)], code=1 if done.differing else 0)
 
 
@@ -393,7 +361,5 @@ def cite(session: Path | None) -> None:
       labpipe cite
       labpipe cite my-session > references.bib
     """
-    from pipelines.session import cite as verb
-
-    text = verb(session)
+    text = verbs.cite(session)
     emit({"bibtex": text}, [text.rstrip()])

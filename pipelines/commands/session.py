@@ -12,6 +12,7 @@ import click
 
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.workflow.exclusions import exclusions
+from pipelines import session as verbs
 from pipelines.cli import as_document as error_document, printable, report_error
 from pipelines.commands.options import (
     FOLDER,
@@ -21,11 +22,12 @@ from pipelines.commands.options import (
     jobs_option,
     json_option,
     keep_option,
+    members,
     names_option,
     session_argument,
     wants_json,
 )
-from pipelines.session import PAGE
+from pipelines.commands.progress import watching
 
 if TYPE_CHECKING:
     from labpipe.workflow.results import RunResult
@@ -61,20 +63,16 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...])
       labpipe init my-session
       labpipe init tomorrow --template ball_drop --template dma
     """
-    from pipelines.session import init as verb
-
     is_person = sys.stdin.isatty() and not wants_json()
     asker = _Asker() if (is_person if ask is None else ask) else None
-    found = verb(folder, replace=force, ask=asker, template=template)
-    n = len(found.experiments)
-    lines = [f"wrote {found.path} with {n} experiment{'s' * (n != 1)}"]
+    found = verbs.init(folder, replace=force, ask=asker, template=template)
+    lines = [f"wrote {found.path} with {len(found.experiments)} experiment{'s' * (len(found.experiments) != 1)}"]
     for path in found.records:
         is_open = any(line.startswith(path.relative_to(folder).as_posix()) for line in found.gaps)
         lines.append(f"wrote {path}, a calibration record{' to complete' if is_open else ''}")
     lines += [f"  to fill in: {line}" for line in found.gaps]
     lines += [f"  not used: {line}" for line in found.unused]
-    document = {"path": str(found.path), "experiments": found.experiments, "to_fill": found.gaps}
-    document |= {"records": [str(p) for p in found.records], "unused": found.unused}
+    document = members(found, "path", "experiments", "records", "unused") | {"to_fill": found.gaps}
     emit(document, [*lines, f"then: labpipe plan {folder}"])
 
 
@@ -87,13 +85,9 @@ class _Asker:
 
     def __call__(self, gap: "Gap") -> str | None:
         """Ask until the answer fits or leaves the value open."""
-        from pipelines.session import checked
-
         if gap.number == 1:
-            click.echo(
-                "Not in the files: please answer. Enter or - leaves a value open, -- this and all others;", err=True
-            )
-            click.echo("Ctrl-C writes nothing.", err=True)
+            click.echo("Not in the files: please answer. Enter or - leaves a value open, -- this and all others;\n"
+                       "Ctrl-C writes nothing.", err=True)  # fmt: skip
         while not self.has_ended:
             default = self.who if gap.record and gap.key == "who" else ""
             answer = click.prompt(printable(gap.question), default=default, show_default=bool(default), err=True)
@@ -101,7 +95,7 @@ class _Asker:
             if answer.strip() in ("", "-", "--"):
                 return None
             try:
-                found = checked(gap, answer)
+                found = verbs.checked(gap, answer)
             except LabpipeError as error:
                 click.echo(f"  {printable(str(error))}", err=True)
                 continue
@@ -134,12 +128,9 @@ def plan(session: Path, **options: Any) -> None:
     Example:
       labpipe plan my-session --to velocity
     """
-    from pipelines import session as verbs
-
     made = verbs.plan(session, **options)
     exact, waiting = verbs.stated_as_exact(made.session), made.session.waiting
-    names = ("experiment", "stage", "recording", "state", "reason")
-    rows = [{n: getattr(row, n) for n in names} for row in made.rows]
+    rows = [members(row, "experiment", "stage", "recording", "state", "reason") for row in made.rows]
     lines = [f"{made.summary}", *_waiting(waiting)]
     lines += [f"counted as exact, since stated without ±: {v} ({', '.join(stating)})" for v, stating in exact.items()]
     left_out = excluded_in(made.session)
@@ -200,9 +191,6 @@ def process(sessions: tuple[Path, ...], out: Path | None, **options: Any) -> Non
       labpipe process sessions/* --cluster tcp://head:8786
       labpipe process /archive/2024-05 --out 2024-05    # then: labpipe compare 2024-05
     """
-    from pipelines import session as verbs
-    from pipelines.commands.progress import watching
-
     if out is not None:
         if len(sessions) > 1:
             raise click.UsageError("--out is the work folder of one session; process each by itself")
@@ -231,16 +219,14 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verd
     if isinstance(outcome, LabpipeError):
         return {"session": str(folder), **error_document(outcome)}
     names = ("experiment", "stage", "recording")
-    steps = [
-        {n: getattr(o.task, n) for n in names} | {"state": o.state, "message": o.message} for o in outcome.outcomes
-    ]
+    steps = [members(one.task, *names) | members(one, "state", "message") for one in outcome.outcomes]
     is_doubtful = bool(outcome.session.waiting) or (judged is not None and judged.is_impossible)
     return {
-        "session": str(outcome.session.root),
+        "session": outcome.session.root,
         "steps": steps,
         "experiments": [] if judged is None else judged.document(),
         "findings": [] if judged is None else judged.notes_document(),
-        "reports": {name: str(path) for name, path in outcome.reports.items()},
+        "reports": outcome.reports,
         "waiting": outcome.session.waiting,
         "excluded": excluded_in(outcome.session),
         "exit_code": outcome.exit_code or int(is_doubtful),
@@ -274,7 +260,7 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
         yield f"note: {note.message}: {note.cause}"
     yield from _waiting(outcome.session.waiting)
     yield from (f"report: {path}" for path in outcome.reports.values())
-    if (overview := outcome.session.folder / PAGE).is_file():
+    if (overview := outcome.session.folder / verbs.PAGE).is_file():
         yield f"all experiments: {overview}"
 
 
@@ -291,11 +277,11 @@ def note(session: Path, experiment: str, text: str, who: str) -> None:
     Example:
       labpipe note my-session acrylic_7mm "sphere cleaned with ethanol"
     """
-    from pipelines.session import note as verb
-
-    made = verb(session, experiment, text, who=who)
-    document = {"experiment": experiment, "on": str(made.on), "who": made.who, "text": made.text}
-    emit(document, [f"noted on {made.on}; its page shows it after: labpipe process {session}"])
+    made = verbs.note(session, experiment, text, who=who)
+    emit(
+        {"experiment": experiment} | members(made, "on", "who", "text"),
+        [f"noted on {made.on}; its page shows it after: labpipe process {session}"],
+    )
 
 
 @click.command()
@@ -318,8 +304,6 @@ def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int) 
     Example:
       labpipe watch my-session
     """
-    from pipelines import session as verbs
-
     watcher = verbs.watch(session, looks=looks, jobs=jobs)
     failed = False
     try:

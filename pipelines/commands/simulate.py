@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable
-from functools import reduce
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,61 +20,48 @@ _Rows = list[tuple[str, Any, str]]
 """Name, value and unit."""
 _Panels = list[tuple[Any, Any, str, str]]
 """Values along both axes and their labels."""
+_Simulated = tuple["xr.Dataset", _Rows, _Panels]
 _WIDTH = 34
-_ADHESIVE_STATES = 200
 
 
-class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since click 8.2
-    """A number with a unit, such as ``9.525 mm``; its value is in SI."""
+def value_option(name: str, unit: str, text: str, **more: Any) -> Callable[[F], F]:
+    """Add an option that takes a number with a unit, and hands it on in SI; a text where the unit is empty."""
 
-    def __init__(self, name: str, unit: str) -> None:
-        self.name, self.unit = name, unit
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the value in SI."""
+    def in_si(context: click.Context, option: click.Parameter, given: Any) -> float | None:
         from labpipe.errors import InputError
         from labpipe.units import si
 
         try:
-            return si(value, self.unit, self.name)
+            return None if given is None else si(given, unit, str(option.name))
         except InputError as error:
-            self.fail(str(error), param, ctx)
+            raise click.BadParameter(str(error), context, option) from None
+
+    shown: dict[str, Any] = {"callback": in_si, "metavar": "QUANTITY"} if unit else {}
+    return click.option(name, help=text, **shown, **more)
 
 
-_TYPES = {
-    unit: Quantity(name, unit)
-    for name, unit in {
-        "length": "m", "time": "s", "mass": "kg", "frequency": "Hz", "speed": "m/s", "temperature": "degC",
-        "number": "1", "force": "N", "energy per area": "J/m2", "heat capacity": "J/kg/K", "conductivity": "W/m/K",
-    }.items()
-}  # fmt: skip
-TIME = _TYPES["s"]
+def _simulation(simulator: str, *names: str) -> Callable[[Callable[..., _Simulated]], click.Command]:
+    """Make a command of a function that simulates, and write and draw its result as wanted.
 
-
-def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
-    return lambda function: reduce(lambda f, option: option(f), reversed(options), function)
-
-
-def _parameters(simulator: str, *names: str) -> Callable[[F], F]:
-    """Add the material, its temperature and shift, and further parameters of a simulator, as a sweep has them."""
+    Options of the material, its temperature and shift, and of the named parameters are those of a sweep.
+    """
     known = SIMULATORS[simulator].parameters
-    chosen = {name: known[name] for name in ("material", "temperature", "vertical_shift", *names)}
-    return _options(*(
-        _value(f"--{name.replace('_', '-')}", one.unit, f"{one.text[:1].upper()}{one.text[1:]}.", default=one.default)
-        for name, one in chosen.items()
-    ))  # fmt: skip
 
+    def made(function: Callable[..., _Simulated]) -> click.Command:
+        @click.option("--out", type=NEW_FILE, help="netCDF file to write.")
+        @click.option("--picture", type=NEW_FILE, help="Picture to draw (.png, .svg or .pdf).")
+        @json_option
+        @wraps(function)
+        def command(*, out: Path | None, picture: Path | None, **options: Any) -> None:
+            _deliver(*function(**options), out, picture)
 
-def _value(name: str, unit: str, text: str, **more: Any) -> Callable[[F], F]:
-    """Add an option that takes a number with a unit, or a text where the unit is empty."""
-    return click.option(name, type=_TYPES.get(unit, str), help=text, **more)
+        for name in ("material", "temperature", "vertical_shift", *names)[::-1]:
+            one = known[name]
+            text = f"{one.text[:1].upper()}{one.text[1:]}."
+            command = value_option(f"--{name.replace('_', '-')}", one.unit, text, default=one.default)(command)
+        return simulate.command()(command)
 
-
-_result_options = _options(
-    click.option("--out", type=NEW_FILE, help="netCDF file to write."),
-    click.option("--picture", type=NEW_FILE, help="Picture to draw (.png, .svg or .pdf)."),
-    json_option,
-)
+    return made
 
 
 @click.group()
@@ -87,19 +74,17 @@ def simulate() -> None:
     """
 
 
-@simulate.command()
-@_parameters("drop", "radius", "mass", "height", "rtol", "plate_mass", "plate_frequency", "plate_damping")
-@_value("--duration", "s", "From release.", default="0.5 s")
+@_simulation("drop", "radius", "mass", "height", "rtol", "plate_mass", "plate_frequency", "plate_damping")
+@value_option("--duration", "s", "From release.", default="0.5 s")
 @click.option("--solver", type=click.Choice(["mdr", "rings", "thesis"]), default="mdr",
               help="'thesis' is the thesis's own scheme.")  # fmt: skip
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
 @click.option("--substrate", help='Elastic counter-body: "sapphire", or modulus and Poisson\'s ratio, "70 GPa, 0.22".')
-@_value("--adhesion", "J/m2", 'Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.')
+@value_option("--adhesion", "J/m2", 'Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.')
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
-@_value("--heat-capacity", "J/kg/K", "For --heating; default: from the library.")
-@_value("--conductivity", "W/m/K", "For --heating; default: from the library.")
-@_result_options
-def drop(material: str, temperature: float | None, vertical_shift: float, **options: Any) -> None:
+@value_option("--heat-capacity", "J/kg/K", "For --heating; default: from the library.")
+@value_option("--conductivity", "W/m/K", "For --heating; default: from the library.")
+def drop(material: str, temperature: float | None, vertical_shift: float, **options: Any) -> _Simulated:
     r"""Drop a viscoelastic sphere on a flat (rigid by default) or on a vibrating plate.
 
     \b
@@ -117,7 +102,6 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     plate = contact.Plate(*of_plate) if of_plate[0] else None
     if options["substrate"] and "," in options["substrate"]:
         options["substrate"] = tuple(options["substrate"].split(",", 1))
-    output = {name: options.pop(name) for name in ("out", "picture")}
     work, is_heated = options.pop("adhesion"), options.pop("heating")
     properties = [options.pop(name) for name in ("heat_capacity", "conductivity")]
     solid = load(material, temperature, vertical_shift)
@@ -173,19 +157,17 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
         ((near["time"] - start) * 1e3, near["force"], since, "force / N"),
         ((near["time"] - start) * 1e3, near["contact_radius"] * 1e3, since, "contact radius / mm"),
     ]
-    _deliver(found, rows, json.loads(found.attrs["work"]), panels, **output)
+    return found, rows, panels
 
 
-@simulate.command()
-@_parameters("indent", "tip_radius", "period", "depth", "mean", "amplitude", "frequency", "hold", "ramp", "profile")
+@_simulation("indent", "tip_radius", "period", "depth", "mean", "amplitude", "frequency", "hold", "ramp", "profile")
 @click.option("--cycles", type=click.IntRange(min=0), default=5, help="Number of cycles; 0 for press and hold only.")
-@_value("--thickness", "m", "Thickness of a bonded layer; default: half-plane.")
+@value_option("--thickness", "m", "Thickness of a bonded layer; default: half-plane.")
 @click.option("--elements", type=click.IntRange(min=64), default=1024, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
-@_result_options
 def indent(
     material: str, temperature: float | None, vertical_shift: float, thickness: float | None, maps: bool, **options: Any
-) -> None:
+) -> _Simulated:
     r"""Press a periodic punch into a surface: ramp, hold, then oscillate.
 
     \b
@@ -197,10 +179,6 @@ def indent(
     from labpipe import contact
     from pipelines.simulator_inputs import material as load, ramp_hold_oscillation
 
-    for name in ("mean", "frequency", "ramp"):
-        if not options[name] > 0.0:
-            raise click.UsageError(f"--{name} is {options[name]:g} in SI units; expected more than 0")
-    output = {name: options.pop(name) for name in ("out", "picture")}
     moves = {name: options.pop(name) for name in ("mean", "amplitude", "frequency", "cycles", "hold", "ramp")}
     time, moved = ramp_hold_oscillation(**moves, per_cycle=100)
     with progress(text="simulating", total=1.0) as shown:
@@ -226,24 +204,14 @@ def indent(
         (found["time"], found["force"], "time / s", "force / N"),
         (found["displacement"] * 1e6, found["force"], "displacement / µm", "force / N"),
     ]
-    _deliver(found, rows, json.loads(found.attrs["work"]), panels, **output)
+    return found, rows, panels
 
 
-@simulate.command()
-@_parameters("indent")
-@_value("--radius", "m", "Of the sphere.", default="9.525 mm")
-@_value("--work", "J/m2", "Of adhesion.", default="50 mJ/m2")
-@_value("--load", "N", "Largest load.", default="1 N")
-@_result_options
-def adhesion(
-    material: str,
-    temperature: float | None,
-    vertical_shift: float,
-    radius: float,
-    work: float,
-    load: float,
-    **output: Any,
-) -> None:
+@_simulation("indent")
+@value_option("--radius", "m", "Of the sphere.", default="9.525 mm")
+@value_option("--work", "J/m2", "Of adhesion.", default="50 mJ/m2")
+@value_option("--load", "N", "Largest load.", default="1 N")
+def adhesion(radius: float, work: float, load: float, **of_material: Any) -> _Simulated:
     r"""Load and unload an adhesive sphere slowly, after JKR: force, indentation, pull-off.
 
     Uses the relaxed (long-time) modulus. Validity: elastic, smooth, quasi-static.
@@ -253,10 +221,9 @@ def adhesion(
       labpipe simulate adhesion --radius "5 mm" --work "30 mJ/m2" --picture jkr.svg
     """
     from labpipe.contact import adhesive_states
-    from pipelines.simulator_inputs import material as load_material
+    from pipelines.simulator_inputs import material as solid_of
 
-    solid = load_material(material, temperature, vertical_shift)
-    found = adhesive_states(solid, radius, work, load, _ADHESIVE_STATES)
+    found = adhesive_states(solid_of(of_material.pop("material"), **of_material), radius, work, load)
     known = [found[n] for n in ("pull_off", "tabor", "lost_energy", "reduced_modulus") if n in found]
     rows: _Rows = [(v.attrs["long_name"], float(v), _unit(v)) for v in known]
     rows += [(name, found.attrs[name], "") for name in ("theory", "regime", "validity") if name in found.attrs]
@@ -264,7 +231,7 @@ def adhesion(
         (found[name] * 1e6, found["force"], f"{_said(name)} / µm", "force / N")
         for name in ("indentation", "contact_radius")
     ]
-    _deliver(found, rows, {"states": found.sizes["state"]}, panels, **output)
+    return found, rows, panels
 
 
 @click.command()
@@ -316,13 +283,11 @@ def _named(texts: Iterable[str]) -> dict[str, str]:
 # --- output ---
 
 
-def _deliver(
-    found: "xr.Dataset", rows: _Rows, work: dict[str, Any], panels: _Panels,
-    *, out: Path | None, picture: Path | None
-) -> None:  # fmt: skip
+def _deliver(found: "xr.Dataset", rows: _Rows, panels: _Panels, out: Path | None, picture: Path | None) -> None:
     """Write and draw a simulation as wanted, and print its rows and its work."""
     from labpipe import files
 
+    work = json.loads(found.attrs.get("work", "{}"))
     if out is not None:
         files.write_dataset(out, found)
         rows.append(("netcdf", str(out), ""))

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.shell_completion import get_completion_class
+from click.shell_completion import BashComplete, FishComplete, ZshComplete
 
 from labpipe.errors import ConfigError, StorageError, StoreError
+from pipelines import session as verbs
 from pipelines.cli import cli
-from pipelines.commands.options import FOLDER, NEW_FILE, NEW_FOLDER, emit, jobs_option, json_option, wants_json
-from pipelines.commands.simulate import TIME
+from pipelines.commands.options import FOLDER, NEW_FILE, NEW_FOLDER, emit, jobs_option, json_option, members, wants_json
+from pipelines.commands.progress import counted, progress, watching
+from pipelines.commands.session import as_document, summary
+from pipelines.commands.simulate import value_option
 
 
 @click.command()
@@ -35,15 +38,12 @@ def doctor(session: Path | None) -> None:
     Example:
       labpipe doctor my-session
     """
-    from pipelines.session import doctor as verb
-
-    found = verb(session)
+    found = verbs.doctor(session)
     audit = found.audit
     names = ("versions", "plugins", "free_bytes", "problems", "session_problems", "damaged_results")
-    document = {name: getattr(found, name) for name in names} | {"checks": None, "exact": None, "findings": None}
+    document = members(found, *names) | {"checks": None, "exact": None, "findings": None}
     if audit is not None:
-        findings = [trouble._asdict() for trouble in audit.troubles]
-        document |= {"checks": audit.checks, "exact": audit.exact, "findings": findings}
+        document |= members(audit, "checks", "exact") | {"findings": [one._asdict() for one in audit.troubles]}
     codes = (
         (found.damaged_results, StoreError.exit_code),
         (found.problems, StorageError.exit_code),
@@ -63,9 +63,7 @@ def completion(shell: str) -> None:
     Example:
       labpipe completion bash > ~/.local/share/bash-completion/completions/labpipe
     """
-    kind = get_completion_class(shell)
-    if kind is None:  # click knows all three shells of the choice above
-        raise click.UsageError(f"no completion for {shell}")
+    kind = {"bash": BashComplete, "zsh": ZshComplete, "fish": FishComplete}[shell]
     script = kind(cli, {}, "labpipe", "_LABPIPE_COMPLETE").source()
     emit({"shell": shell, "script": script}, [script])
 
@@ -123,7 +121,6 @@ def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | Non
     Example:
       labpipe sample core my-session
     """
-    from pipelines.commands.progress import progress
     from pipelines.rig import SAMPLES, sample as verb
 
     if name is None:
@@ -134,9 +131,8 @@ def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | Non
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
     with progress(f"recording {name}"):
         experiments = [*verb(name, dest, full_size=full_size, seed=seed).experiments]
-    n = len(experiments)
-    line = f"wrote {n} synthetic experiment{'s' * (n != 1)} into {dest}"
-    emit({"folder": str(dest), "experiments": experiments}, [line])
+    line = f"wrote {len(experiments)} synthetic experiment{'s' * (len(experiments) != 1)} into {dest}"
+    emit({"folder": dest, "experiments": experiments}, [line])
 
 
 @click.command()
@@ -152,15 +148,12 @@ def demo(dest: Path) -> None:
       labpipe demo
     """
     from pipelines import rig
-    from pipelines.commands.progress import progress, watching
-    from pipelines.commands.session import as_document, summary
-    from pipelines.session import verdicts_of
 
     with progress("recording a session"):
         rig.record_demo(dest)
     with watching() as shown:
         outcome = rig.demo(dest, progress=shown)
-    judged = verdicts_of(outcome)
+    judged = verbs.verdicts_of(outcome)
     lines = itertools.chain([f"synthetic session: {dest}"], summary(outcome, judged))
     emit(as_document(outcome, dest, judged), lines, code=outcome.exit_code)
 
@@ -187,7 +180,6 @@ def figures(
       labpipe figures 2.6 --out FIGURES
       labpipe figures --session my-session --out FIGURES --data
     """
-    from pipelines.commands.progress import counted
     from pipelines.figures import figures as verb, make
 
     if check:
@@ -204,8 +196,8 @@ def figures(
         for s in make.states(make.Shelf.of(out, session), wanted):
             needs, figure = " and ".join(dict.fromkeys(map(str, s.figure.needs))), s.figure
             is_optional = bool(figure.needs) and all(n.is_optional for n in figure.needs)
-            rows.append({"id": figure.id, "title": figure.title, "needs": needs, "optional": is_optional,
-                         "state": s.state, "detail": s.detail})  # fmt: skip
+            row = members(figure, "id", "title") | {"needs": needs, "optional": is_optional}
+            rows.append(row | members(s, "state", "detail"))
             needs = f"{needs}{' (optional)' if is_optional else ''}" or "-"
             lines.append(f"{figure.id:10} {figure.title:46} {needs:26} {s.state}{s.detail and f': {s.detail}'}")
         emit({"figures": rows}, lines)
@@ -214,9 +206,9 @@ def figures(
     with counted(len(wanted)) as step:
         show = None if step is None else lambda outcome: step(outcome.id)
         outcomes = verb(ids, session=session, out=out, data=data, jobs=jobs, progress=show).outcomes
-    made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": [*o.files]} for o in outcomes]
+    made = [members(one, "id", "state", "detail", "files") for one in outcomes]
     lines = [f"{o.id:10} {o.state}{o.detail and f': {o.detail}'}" for o in outcomes]
-    emit({"out": str(out), "figures": made}, lines, code=any(o.state == make.FAILED for o in outcomes))
+    emit({"out": out, "figures": made}, lines, code=any(o.state == make.FAILED for o in outcomes))
 
 
 @click.command()
@@ -246,19 +238,15 @@ def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path) -> None:
     from labpipe import files
     from pipelines.bench import page
     from pipelines.bench.measure import machine
-    from pipelines.commands.progress import counted
 
     with counted(len(wanted)) as begin:
         results, failures = measure_all(wanted, quick, begin or (lambda _: None))
     about = machine()
     document = page.as_document(results, failures, about)
-    out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    files.write_text(out / "bench.json", text + "\n")
+    files.write_text(out / "bench.json", json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     files.write_text(out / "bench.html", page.render(results, failures, about))
     failed = [f"failed: {failure.name}: {failure.message}" for failure in failures]
-    lines = [f"wrote {out / 'bench.html'}, and bench.json in the same folder"]
-    emit(document, lines, errors=failed, code=bool(failures))
+    emit(document, [f"wrote {out / 'bench.html'} and bench.json"], errors=failed, code=bool(failures))
 
 
 @click.group()
@@ -279,11 +267,11 @@ def acquire() -> None:
 @click.option("--output", "outputs", type=int, multiple=True, default=(1,), help="Output to record; may be repeated.")
 @click.option("--decimals", type=int, multiple=True, required=True, help="Decimals of the display, for every output.")
 @click.option("--unit", "units", multiple=True, default=("mm",), help="Unit on the display, for every output.")
-@click.option("--interval", type=TIME, default="10 ms", help="Time between two readings.")
-@click.option("--duration", type=TIME, required=True, help="From the start, or from the trigger.")
+@value_option("--interval", "s", "Time between two readings.", default="10 ms")
+@value_option("--duration", "s", "From the start, or from the trigger.", required=True)
 @click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
-@click.option("--before", type=TIME, default="100 ms", help="Duration kept before the trigger.")
-@click.option("--patience", type=TIME, default="10 s", help="Longest wait for an answer of the controller.")
+@value_option("--before", "s", "Duration kept before the trigger.", default="100 ms")
+@value_option("--patience", "s", "Longest wait for an answer of the controller.", default="10 s")
 @json_option
 def keyence(file: Path, **given: Any) -> None:
     r"""Record a Keyence displacement controller over TCP into FILE.
@@ -314,8 +302,7 @@ def keyence(file: Path, **given: Any) -> None:
         before=given["before"],
         patience=patience,
     )
-    found = {each.name: getattr(done, each.name) for each in fields(done) if not each.name.startswith("_")}
-    _show(found | {name: str(found[name]) for name in ("path", "times", "start")})
+    _show(members(done, *(each.name for each in fields(done) if not each.name.startswith("_"))))
 
 
 @acquire.command()

@@ -23,7 +23,7 @@ import msgspec
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StorageError, UsageError
 from labpipe.notebook import html_table
-from labpipe.report import Block, Document, IndexRow, IndexTable, Link, Listed, Notice, Section, listed
+from labpipe.report import Block, Column, Document, Link, Listed, Notice, Section, Table, listed
 from labpipe.units import Quantity
 from labpipe.workflow.fields import REFERENCE, suggest
 from labpipe.workflow.plan import KEPT, READY, Plan, page_name
@@ -460,7 +460,7 @@ def _page(opened: Opened) -> str:
     return Document(title, "", badge, sections).render()
 
 
-def _table(opened: Opened, kind: str, own: pd.DataFrame) -> IndexTable:
+def _table(opened: Opened, kind: str, own: pd.DataFrame) -> Table:
     """List the experiments of a kind, the latest first."""
     own = own.sort_values("recorded", ascending=False, kind="stable", na_position="last")
     named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
@@ -481,5 +481,8 @@ def _table(opened: Opened, kind: str, own: pd.DataFrame) -> IndexTable:
             state, level = judgement(row["believable"], row["model"])
         href = opened.href(row["session"], page_name(row["experiment"]))
         remark = row["session"] + (f": {row['cause']}" if row["cause"] else "")
-        rows.append(IndexRow(row["experiment"], state, level, href, metrics, remark=remark))  # type: ignore[arg-type]
-    return IndexTable(table.columns, rows, "The latest first; select a heading to sort." if len(rows) > 1 else "")
+        link = Link(row["experiment"], href, remark)
+        rows.append((None, link, Notice(level, state), *metrics))  # type: ignore[arg-type]
+    heads = (*map(Column, ("", "Experiment", "State")), *table.columns)
+    caption = "The latest first; select a heading to sort." if len(rows) > 1 else ""
+    return Table(heads, rows, caption, sortable=len(rows) > 1)

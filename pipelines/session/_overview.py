@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.arrays import Floats
-    from labpipe.report import Block, Cell, IndexRow, LineChart, ScatterChart, Table
+    from labpipe.report import Block, Cell, LineChart, ScatterChart, Table
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -79,7 +79,7 @@ def pages_together(folder: Path) -> list[tuple[str, str]]:
 
 
 def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str]) -> str:
-    from labpipe.report import Document, IndexRow, IndexTable, Link, Notice, Paragraph, Section
+    from labpipe.report import Column, Document, Link, Notice, Paragraph, Section, Table
     from pipelines.session._verdict_notices import agreement, as_sentence, belief, each
 
     session = results.plan.session
@@ -99,25 +99,27 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     answer += [Link(text, name) for text, name in pages_together(session.folder)]
     sections = [Section("Answer", answer)] if answer else []
     sort, error = "Select a heading to sort. ", _ERROR  # each is said once
+    heads = tuple(map(Column, ("", "Experiment", "State")))
     by_kind: dict[str, list[str]] = {}  # each has key numbers of its own
     for name, experiment in session.experiments.items():
         by_kind.setdefault(experiment.kind, []).append(name)
     for kind, names in by_kind.items():
         table, pictures = _numbers(results, experiments.KINDS[kind], names)
-        rows = tuple(
+        rows = [
             _row(results, n, cells, pictures[n], verdicts.get(n)) for n, cells in zip(names, table.rows, strict=True)
-        )
+        ]
         can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in table.columns)
         caption = (sort if can_sort else "") + (error if has_error else "")
-        sections.append(Section(experiments.KINDS[kind].title, (IndexTable(table.columns, rows, caption.strip()),)))
+        table = Table((*heads, *table.columns), rows, caption.strip(), sortable=can_sort)
+        sections.append(Section(experiments.KINDS[kind].title, (table,)))
         sort, error = "" if can_sort else sort, "" if has_error else error
     if session.waiting:
-        rows = tuple(
-            IndexRow(name, "waits", "info", remark=lines[0] + (f"; and {len(lines) - 1} more" if lines[1:] else ""))
-            for name, lines in session.waiting.items()
-        )
+        rows = []
+        for name, lines in session.waiting.items():
+            more = f"; and {len(lines) - 1} more" if lines[1:] else ""
+            rows.append((None, Link(name, "", lines[0] + more), Notice("info", "waits")))
         caption = "Not processed until the lines that are named here are filled in or corrected."
-        sections.append(Section("Waiting", (IndexTable((), rows, caption),)))
+        sections.append(Section("Waiting", (Table(heads, rows, caption, sortable=len(rows) > 1),)))
     if session.notes:
         sections.append(Section("Session", (Paragraph(session.notes),)))
     unfinished = {row.experiment for row in results.plan.rows if row.state not in READY}
@@ -160,8 +162,8 @@ def _numbers(results: Results, kind: experiments.Kind, names: Sequence[str]) -> 
 
 def _row(
     results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: Verdict | None
-) -> "IndexRow":
-    from labpipe.report import IndexRow, Level
+) -> "tuple[Cell, ...]":
+    from labpipe.report import Level, Link, Notice, Picture
     from pipelines.session._verdict_notices import judgement
 
     plan = results.plan
@@ -186,7 +188,8 @@ def _row(
     elif kept:
         state, level = f"{state}, {kept} results of earlier code", "warning" if level == "ok" else level
     remark = "; ".join(text for text in (f"variant of {base}" if base else "", unreadable) if text)
-    return IndexRow(name, state, level, page_name(name) if has_page else "", cells, picture, remark)
+    link = Link(name, page_name(name) if has_page else "", remark)
+    return None if picture is None else Picture(picture, ""), link, Notice(level, state), *cells
 
 
 def curve(dataset: "xr.Dataset | None", source: Picture) -> "tuple[Floats, Floats] | None":

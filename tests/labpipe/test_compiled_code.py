@@ -42,6 +42,7 @@ def found(folder: Path) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_a_kernel_is_compiled_again_when_another_module_in_it_has_changed(kernels: Path) -> None:
     assert found(kernels) == ["2.0", "0"]
     (kernels / "other.py").write_text("A = 2\n")

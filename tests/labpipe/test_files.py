@@ -219,11 +219,14 @@ def test_links_may_lead_inside_but_not_out_nor_in_circles(tmp_path: Path) -> Non
             safe_join(root, name)
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_ordinary_names_are_taken(tmp_path: Path) -> None:
+    for name in ("a", "a/b.csv", ".hidden", "Messung ü.csv", "console", "a..b", "n" * 255, "a;b&c", "$HOME"):
+        assert safe_join(tmp_path, name) == (tmp_path / name).resolve()
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True))
 def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
-    for ordinary in ("a", "a/b.csv", ".hidden", "Messung ü.csv", "console", "a..b", "n" * 255, "a;b&c", "$HOME"):
-        assert safe_join(tmp_path, ordinary) == (tmp_path / ordinary).resolve()
     with contextlib.suppress(InputError):
         assert safe_join(tmp_path, name).is_relative_to(tmp_path.resolve())
 

@@ -224,6 +224,7 @@ def test_samples_are_listed_and_go_into_new_folders_only(capsys: pytest.CaptureF
     assert (tmp_path / "mine/notes.txt").read_text() == "precious"
 
 
+@pytest.mark.slow
 def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
     capsys: pytest.CaptureFixture[str], session_copy: Path
 ) -> None:

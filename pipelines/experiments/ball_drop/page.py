@@ -109,7 +109,6 @@ def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Ba
 
 
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    count = repeats.sizes["impact"]
     titles = {
         "touch_time": "touch",
         "incoming_speed": "speed in",
@@ -126,7 +125,7 @@ def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Secti
     )
     if comparison is not None:
         columns += [
-            pages.column(comparison, f"{name}_difference", f"{titles[name]}, measured − model").extended(count)
+            pages.column(comparison, f"{name}_difference", f"{titles[name]}, measured − model")
             for name in ("touch_time", "restitution")
         ]
         caption += (

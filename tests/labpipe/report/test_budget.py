@@ -1,6 +1,6 @@
 """Budgets on pages: prefixes for the reader, kelvin for what a temperature is uncertain by."""
 
-from labpipe.report import Bars, Table, budget_table
+from labpipe.report import Table, budget_table
 from labpipe.uncertainty import Input, Source, budget_rows, linear_budget
 
 
@@ -9,20 +9,19 @@ def test_values_have_prefixes_and_a_temperature_is_uncertain_by_kelvin() -> None
         Source("zero", 3.967e-3, 57e-9, "m", 1.0, "systematic"),
         Source("temperature", 23.0, 0.5, "degC", 2e-8, "systematic"),
     ]
-    shown, bars = budget_table(budget_rows(sources), "Budget", "m")
+    (shown,) = budget_table(budget_rows(sources), "Budget", "m")
     assert isinstance(shown, Table)
-    assert isinstance(bars, Bars)
     assert shown.rows[0][:3] == ("zero", "3.9670 mm", "57 nm")
     assert shown.rows[1][:3] == ("temperature", "23.000 °C", "0.50 K")
     assert shown.rows[0][-1] == "systematic"
-    assert [name for name, *_ in bars.rows] == ["zero", "temperature"]
+    assert [row[0] for row in shown.rows] == ["zero", "temperature"]
 
 
 def test_a_formula_s_rows_have_no_kind_and_further_columns_follow() -> None:
     made = linear_budget(lambda tip_radius: 2.0 * tip_radius, {"tip_radius": Input(2e-3, 1e-6, "m")})
-    shown, _ = budget_table(made.rows, "Budget", "m", {"freedom": {"tip_radius": "∞"}})
+    (shown,) = budget_table(made.rows, "Budget", "m", {"freedom": {"tip_radius": "∞"}})
     assert isinstance(shown, Table)
-    assert [column.title for column in shown.columns][-2:] == ["contribution", "freedom"]
+    assert [column.title for column in shown.columns][-2:] == ["share of the variance", "freedom"]
     assert shown.rows[0][0] == "tip radius"
     assert shown.rows[0][-1] == "∞"
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import erf
 
 from labpipe.errors import InputError
-from pipelines.app._measuring import length, picture, rounded
+from pipelines.app._measuring import length, picture
 
 BEGIN = np.array([60.3, 60.7])
 
@@ -64,7 +64,6 @@ def test_a_photograph_is_measured_as_it_is_shown(tmp_path: Path) -> None:
     assert found.frames == 1
     assert np.array_equal(found.grey, grey)
     assert found.png()[:4] == b"\x89PNG"
-    assert rounded(380.0123, 0.0234) == "380.012 ± 0.023 px"
     (tmp_path / "broken.jpg").write_bytes(b"\xff\xd8\xff\xe0 nothing")
     with pytest.raises(InputError, match="cannot be read as a picture"):
         picture(tmp_path / "broken.jpg")

@@ -43,7 +43,7 @@ def test_each_repeat_shows_on_hover_behind_a_band_of_all_and_an_outlier_is_named
     assert all(isinstance(s, Series) and s.on_hover for s in single)
     assert not mean.on_hover
     spread = 2 * repeats(3)["displacement_sd"].values * 1e3
-    assert np.allclose(band.high - mean.y, spread)
+    assert np.allclose(band.curves[1] - mean.y, spread)
     assert "point at the chart" in chart.caption
 
 
@@ -58,8 +58,8 @@ def test_the_difference_stands_on_the_scatter_of_the_repeats_and_on_the_model_s_
     position, chart = motion(made, model, comparison).blocks[:2]
     assert "until impact 1." in position.caption
     of_model, band, difference = chart.series
-    assert np.allclose(of_model.high, 2.0 * (part < 0.0399), atol=0.1)
-    assert np.array_equal(of_model.low, -of_model.high)
+    assert np.allclose(of_model.curves[1], 2.0 * (part < 0.0399), atol=0.1)
+    assert np.array_equal(of_model.curves[0], -of_model.curves[1])
     assert np.allclose(difference.y, 2.0)  # µm
-    assert np.allclose(band.high, 2e6 * made["displacement_sd"].values[20:60])
-    assert np.array_equal(band.low, -band.high)
+    assert np.allclose(band.curves[1], 2e6 * made["displacement_sd"].values[20:60])
+    assert np.array_equal(band.curves[0], -band.curves[1])
