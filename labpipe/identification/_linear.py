@@ -13,6 +13,7 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Fuller, Group, LinearModel
+from labpipe.materials.spectrum import moduli_of_terms
 
 
 def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float, *, may_recede: bool = False) -> Floats:
@@ -78,10 +79,8 @@ def force_evidence(
 
 def modulus_basis(omega: Floats, rho: Floats) -> tuple[Floats, Floats]:
     """Return storage and loss modulus (n, 1 + term) per Pa of each term."""
-    x = omega[:, None] * rho
-    loss = x / (1.0 + x * x)
-    one = np.ones((omega.size, 1))
-    return np.hstack([one, x * loss]), np.hstack([0.0 * one, loss])
+    storage, loss = np.split(np.roll(moduli_of_terms(np.log(omega), np.log(rho)), 1, axis=1), 2)
+    return storage, loss
 
 
 def stiffness_evidence(

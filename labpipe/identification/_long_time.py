@@ -58,16 +58,15 @@ class LongTimeModulus:
 
 def long_time_modulus(known: Posterior) -> LongTimeModulus:
     """Return the limits of the long-time modulus, with an interval of 95 %."""
-    end = max(each.model.window[1] for each in known.fit.problem.evidence)
+    end = known.fit.problem.window[1]
 
     def at_the_end(spectrum: SmoothSpectrum, xi: Floats) -> tuple[Floats, Floats]:
         """Return the logarithms of modulus and fall, with their derivatives."""
-        n = len(spectrum.parameters)
-        terms = np.exp(spectrum.log_terms(xi[:n]))
+        terms, slopes = spectrum.terms(xi)
         left = np.append(1.0, np.exp(-end / spectrum.rho))
         bases = np.array([left, np.append(1.0, np.exp(-0.1 * end / spectrum.rho)) - left])
         values, by_xi = bases @ terms, np.zeros((2, xi.size))
-        by_xi[:, :n] = bases @ (terms[:, None] * spectrum.slopes(xi[:n])) / values[:, None]
+        by_xi[:, : slopes.shape[1]] = bases @ slopes / values[:, None]
         return np.log(values), by_xi
 
     logarithms, deviations = known.averaged(at_the_end)

@@ -22,13 +22,12 @@ doi:10.1214/ss/1009212519.
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import log
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.identification._evidence import Evidence
-from labpipe.identification._fit import Fit, Objective, fit, laplace
+from labpipe.identification._fit import BOUND, LEAST_DAMPING, Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
 from labpipe.identification._problem import Problem
 from labpipe.identification._spectra import SmoothSpectrum, relaxation_times
@@ -36,11 +35,8 @@ from labpipe.materials import Prony
 
 Rebuilt = Callable[[Floats], tuple[Evidence, ...]]
 
-SMOOTH, UNEVEN = "smooth", "uneven"
-STRUCTURE_PRIORS = {SMOOTH: 0.5, UNEVEN: 0.5}
-"""Probabilities before the data."""
+SMOOTH, UNEVEN = "smooth", "uneven"  # as probable as each other before the data
 _UNEVEN_PER_DECADE, _UNEVEN_TURN = 4, 0.5
-_LEAST_DAMPING, _BOUND = 1e-9, 6.0
 _NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
 
 
@@ -75,8 +71,7 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
     probable one first; those that do not matter are left out.
     """
     problem, n = found.problem, found.problem.n_material
-    windows = [each.model.window for each in problem.evidence]
-    data, nu = (min(w[0] for w in windows), max(w[1] for w in windows)), problem.spectrum.nu
+    data, nu = problem.window, problem.spectrum.nu
     candidates = {
         SMOOTH: SmoothSpectrum(relaxation_times(*data), nu),
         UNEVEN: SmoothSpectrum(relaxation_times(*data, per_decade=_UNEVEN_PER_DECADE), nu, _UNEVEN_TURN),
@@ -84,11 +79,11 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
     made, logarithms = [], []
     for name, spectrum in candidates.items():
         own = Problem(spectrum, rebuilt(spectrum.rho), problem.nuisances)
-        at = np.append(np.clip(spectrum.coordinates_of(begin), -_BOUND, _BOUND), found.xi[n:])
+        at = np.append(np.clip(spectrum.coordinates_of(begin), -BOUND, BOUND), found.xi[n:])
         surrogate = Objective(own, found.corrections, found.misfits).surrogate(at)
-        lowest, cost = surrogate.lowest(_LEAST_DAMPING, _BOUND)
+        lowest, cost = surrogate.lowest(LEAST_DAMPING, BOUND)
         covariance, size = laplace(surrogate.jacobian(lowest))
-        logarithms.append(log(STRUCTURE_PRIORS[name]) - cost - 0.5 * size)
+        logarithms.append(-cost - 0.5 * size)
         made.append(Structure(name, spectrum, lowest, covariance, 0.0))
     weights = np.exp(np.array(logarithms) - max(logarithms))
     weights = np.where(weights < _NEGLIGIBLE * weights.sum(), 0.0, weights)

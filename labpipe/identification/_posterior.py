@@ -13,9 +13,9 @@ from scipy.special import ndtr, ndtri
 
 from labpipe.arrays import Flags, Floats
 from labpipe.identification._evidence import Group
-from labpipe.identification._fit import Fit, Objective, laplace
+from labpipe.identification._fit import Fit, laplace
 from labpipe.identification._linear import modulus_basis
-from labpipe.identification._problem import Misfit, split_by_group
+from labpipe.identification._problem import Misfit
 from labpipe.identification._spectra import SmoothSpectrum
 from labpipe.uncertainty import propagated_u
 
@@ -45,13 +45,11 @@ class Posterior:
     """Laplace's approximation around a fit.
 
     ``covariance`` (parameter, parameter): Of the standard coordinates; the prior's is the unit matrix.
-    ``sensitivity`` (n, parameter): Derivative of the predictions over their deviations. ``structures``: Candidates for
-    the structure of the spectrum, where they were weighed.
+    ``structures``: Candidates for the structure of the spectrum, where they were weighed.
     """
 
     fit: Fit
     covariance: Floats
-    sensitivity: Floats
     structures: tuple[Structure, ...] = ()
 
     @property
@@ -86,8 +84,7 @@ Stated = Callable[[SmoothSpectrum, Floats], tuple[Floats, Floats]]
 
 def posterior(found: Fit) -> Posterior:
     """Approximate the posterior about a fit."""
-    rows = Objective.of(found).data_jacobian(found.xi)
-    return Posterior(found, laplace(rows)[0], rows)
+    return Posterior(found, laplace(found.jacobian)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,40 +129,27 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
     logarithms, u = known.averaged(lambda spectrum, at: ln_moduli(spectrum, at, omega))
     # Of the prior, half the width of the central 68 %, from draws that are the same every time.
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, problem.n_material))
-    terms = np.exp([problem.spectrum.log_terms(one) for one in draws])
+    terms = np.array([problem.spectrum.terms(one)[0] for one in draws])
     storage, loss = (terms @ basis.T for basis in modulus_basis(omega, problem.spectrum.rho))
     ends = (np.quantile(np.log(values), ndtr([-1.0, 1.0]), axis=0) for values in (storage, loss / storage))
     prior = [0.5 * (high - low) for low, high in ends]
-    half = frequency.size
-    return Moduli(
-        frequency,
-        np.exp(logarithms[:half]),
-        np.exp(logarithms[half:]),
-        u[:half],
-        u[half:],
-        prior[0],
-        prior[1],
-        informative_range(known),
-    )
+    return Moduli(frequency, *np.exp(np.split(logarithms, 2)), *np.split(u, 2), *prior, informative_range(known))
 
 
 def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
-    n = len(spectrum.parameters)
-    terms = np.exp(spectrum.log_terms(xi[:n]))
-    slopes = terms[:, None] * spectrum.slopes(xi[:n])
-    bases = modulus_basis(omega, spectrum.rho)
-    storage, loss = (basis @ terms for basis in bases)
-    by_storage, by_loss = (basis @ slopes / (basis @ terms)[:, None] for basis in bases)
-    by_xi = np.zeros((2 * omega.size, xi.size))
-    by_xi[:, :n] = np.vstack([by_storage, by_loss - by_storage])
-    return np.log(np.concatenate([storage, loss / storage])), by_xi
+    terms, by_xi = spectrum.terms(xi)
+    bases = np.array(modulus_basis(omega, spectrum.rho))
+    storage, loss = bases @ terms
+    by_storage, by_loss = bases @ by_xi / np.array([storage, loss])[..., None]
+    slopes = np.zeros((2 * omega.size, xi.size))
+    slopes[:, : by_xi.shape[1]] = np.vstack([by_storage, by_loss - by_storage])
+    return np.log(np.concatenate([storage, loss / storage])), slopes
 
 
 def informative_range(known: Posterior) -> tuple[float, float]:
     """Return the lowest and highest frequency in Hz that the observations cover."""
-    windows = [each.model.window for each in known.fit.problem.evidence]
-    longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
+    shortest, longest = known.fit.problem.window
     return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
 
 
@@ -193,16 +177,12 @@ class Band:
 def predictive_bands(known: Posterior) -> tuple[Band, ...]:
     """Return the predictions of the identified material for every group, with their bands."""
     found = known.fit
-    problem = found.problem
-    predicted = problem.predictions(found.xi, found.corrections)
-    u = propagated_u(known.sensitivity, known.covariance)
-    made, first = [], 0
-    for each, numbers in zip(problem.evidence, predicted, strict=True):
-        for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
-            misfit = found.misfits.get((each.name, group.name), Misfit())
-            deviation = misfit.deviation(group, group.values)
-            own = u[first : first + part.size] * deviation
-            first += part.size
-            rest = (group.values - part) / deviation
-            made.append(Band(each.name, group, part, own, rest, misfit))
+    predicted = found.corrections * found.problem.predictions(found.xi)
+    u = propagated_u(found.jacobian, known.covariance)
+    made = []
+    for name, group, place in found.problem.groups:
+        misfit = found.misfits.get((name, group.name), Misfit())
+        deviation = misfit.deviation(group)
+        rest = (group.values - predicted[place]) / deviation
+        made.append(Band(name, group, predicted[place], u[place] * deviation, rest, misfit))
     return tuple(made)

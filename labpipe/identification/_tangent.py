@@ -36,7 +36,7 @@ class Tangent:
     @classmethod
     def of(cls, problem: Problem, xi: Floats) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
-        solid, given = problem.material(xi), problem.nuisance_values(xi)
+        solid, given = problem.material(xi), problem.values(xi)
         by_terms, by_values = [], []
         for each in problem.evidence:
             by_term, others = each.model.derivatives(solid, given)
@@ -50,19 +50,10 @@ class Tangent:
         by_terms, by_values = factor[:, None] * self.by_terms, factor[:, None] * self.by_values
         return replace(self, by_terms=by_terms, by_values=by_values, rest=rest)
 
-    def rows(self, xi: Floats) -> tuple[Floats, Floats]:
-        """Return residuals (n,) of the data at a point, and their derivative (n, parameter)."""
-        terms, start = self.terms(xi), self.terms(self.at)
-        values, first = self.values(xi), self.values(self.at)
-        moved = self.by_terms @ (terms - start) + self.by_values @ (values - first)
-        return self.rest - moved, -self.jacobian(xi)
-
     def jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations."""
-        n = self.problem.n_material
-        slopes = self.terms(xi)[:, None] * self.problem.spectrum.slopes(xi[:n])
-        own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[n:].tolist(), strict=True)]
-        return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
+        own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[self.problem.n_material :].tolist(), strict=True)]
+        return np.hstack([self.by_terms @ self.problem.spectrum.terms(xi)[1], self.by_values * np.array(own)])
 
     def lowest(self, damping: float, bound: float) -> tuple[Floats, float]:
         """Return the place of the least cost, and that cost.
@@ -71,8 +62,14 @@ class Tangent:
         """
         unit, root = np.eye(self.at.size), np.sqrt(damping)
 
+        def predicted(xi: Floats) -> Floats:
+            values = np.array(list(self.problem.values(xi).values()))
+            return np.asarray(self.by_terms @ self.problem.spectrum.terms(xi)[0] + self.by_values @ values)
+
+        start = predicted(self.at) + self.rest
+
         def residual(xi: Floats) -> Floats:
-            return np.concatenate([self.rows(xi)[0], xi, root * (xi - self.at)])
+            return np.concatenate([start - predicted(xi), xi, root * (xi - self.at)])
 
         def slopes(xi: Floats) -> Floats:
             return np.vstack([-self.jacobian(xi), unit, root * unit])
@@ -81,11 +78,3 @@ class Tangent:
         found = least_squares(residual, self.at, slopes, bounds=(-bound, bound), method="dogbox", max_nfev=_MOST_STEPS)
         way = found.x - self.at
         return found.x, float(found.cost - 0.5 * damping * way @ way)
-
-    def terms(self, xi: Floats) -> Floats:
-        """Return (E_relaxed, E) in Pa (1 + term,) at a point."""
-        return np.exp(self.problem.spectrum.log_terms(xi[: self.problem.n_material]))
-
-    def values(self, xi: Floats) -> Floats:
-        """Return the nuisances (nuisance,) in their units at a point."""
-        return np.array(list(self.problem.nuisance_values(xi).values()))
