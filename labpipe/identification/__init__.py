@@ -4,6 +4,9 @@ A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and
 nuisance parameters. :func:`fit` finds the most probable answer, :func:`posterior` its uncertainty,
 :func:`infer` both, over the structures that a spectrum may have, :func:`long_time_modulus`
 whether the data show a plateau.
+
+Drops on a plate and on a counter-body, and the average over the structures of a spectrum, need what this room
+has beyond its budget.
 """
 
 from labpipe.identification._drops import Bounces as Bounces, DropModel as DropModel, drop_evidence as drop_evidence
@@ -21,7 +24,6 @@ from labpipe.identification._parameters import Parameter as Parameter
 from labpipe.identification._posterior import (
     DETERMINED as DETERMINED,
     Band as Band,
-    Moduli as Moduli,
     Posterior as Posterior,
     Structure as Structure,
     informative_range as informative_range,

@@ -128,8 +128,9 @@ class DropModel:
         plates = [plate and replace(plate, mass=mass) for mass in values("plate", plate.mass if plate else 0.0)]
         # Simulations end with the last impact that was observed, or at rest.
         after = _MORE_TIME * (self.last + self.expected_duration)
+        stiffer = zip(trials, values("modulus", 1.0), strict=True)
         made = contact.impacts(
-            [solid.scaled(by) for (solid, _), by in zip(trials, values("modulus", 1.0), strict=True)],
+            [solid if by == 1.0 else solid.scaled(by) for (solid, _), by in stiffer],
             values("radius", self.radius),
             values("mass", self.mass),
             heights,

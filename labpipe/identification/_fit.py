@@ -10,7 +10,7 @@ until nothing changes any more: the answer is that of the costly model, at a few
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -139,8 +139,9 @@ class Objective:
         if self._last is None or not np.array_equal(self._last.at, xi):
             self.differentiations += 1
             self._last = Tangent.of(self.problem, xi)
-        rows = self.residuals(xi) if rows is None else rows
-        return self._last.weighed(self.corrections / self.deviations, rows[: -xi.size])
+        rows, factor = self.residuals(xi) if rows is None else rows, (self.corrections / self.deviations)[:, None]
+        by_terms, by_values = factor * self._last.by_terms, factor * self._last.by_values
+        return replace(self._last, by_terms=by_terms, by_values=by_values, rest=rows[: -xi.size])
 
     def cost(self, xi: Floats) -> float:
         """Return half the sum of squares."""

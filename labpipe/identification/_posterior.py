@@ -9,15 +9,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 from scipy.special import ndtr, ndtri
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.identification._evidence import Group
 from labpipe.identification._fit import Fit, laplace
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._problem import Misfit
 from labpipe.identification._spectra import SmoothSpectrum
 from labpipe.uncertainty import propagated_u
+from labpipe.variables import variable
 
 _DRAWS = 1000  # of the prior
 _SEED = 20  # fixed: the same answer every time
@@ -87,53 +89,36 @@ def posterior(found: Fit) -> Posterior:
     return Posterior(found, laplace(found.jacobian)[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Moduli:
-    """Storage modulus and loss factor over frequency, before and after.
+def moduli(known: Posterior, frequency: Floats) -> xr.Dataset:
+    """Return storage modulus and loss factor at frequencies (n,) [Hz] with their uncertainties, before and after.
 
-    ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
-    ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``prior_ln_storage``,
-    ``prior_ln_loss_factor`` (n,): Those of the prior. ``data`` [Hz]: Lowest and highest frequency that the observations
-    cover.
-    """
-
-    frequency: Floats
-    storage: Floats
-    loss_factor: Floats
-    u_ln_storage: Floats
-    u_ln_loss_factor: Floats
-    prior_ln_storage: Floats
-    prior_ln_loss_factor: Floats
-    data: tuple[float, float]
-
-    @property
-    def is_determined(self) -> Flags:
-        """Where the data at least halve both standard deviations, inside their own range.
-
-        Beyond it everything is extrapolation: a spectrum that the prior holds for likely.
-        """
-        storage = self.u_ln_storage < DETERMINED * self.prior_ln_storage
-        loss = self.u_ln_loss_factor < DETERMINED * self.prior_ln_loss_factor
-        is_inside = (self.frequency >= self.data[0]) & (self.frequency <= self.data[1])
-        return np.asarray(storage & loss & is_inside)
-
-
-def moduli(known: Posterior, frequency: Floats) -> Moduli:
-    """Return storage modulus and loss factor with their uncertainties.
-
-    Where structures were weighed, mean and standard deviation of the logarithms over all of them.
-
-    ``frequency`` (n,) [Hz].
+    Over ``frequency``: ``storage`` [Pa] and ``loss_factor``, most probable; ``u_ln_storage`` and ``u_ln_loss_factor``,
+    standard deviations of their natural logarithms, over all structures where several were weighed;
+    ``prior_ln_storage`` and ``prior_ln_loss_factor``, those of the prior; ``is_determined``, 1 where the data at least
+    halve both, inside their own range. Beyond it everything is extrapolation: a spectrum that the prior holds for
+    likely.
     """
     problem, omega = known.fit.problem, 2.0 * np.pi * frequency
-    logarithms, u = known.averaged(lambda spectrum, at: ln_moduli(spectrum, at, omega))
+    logarithms, u = (np.split(part, 2) for part in known.averaged(lambda of, at: ln_moduli(of, at, omega)))
     # Of the prior, half the width of the central 68 %, from draws that are the same every time.
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, problem.n_material))
     terms = np.array([problem.spectrum.terms(one)[0] for one in draws])
     storage, loss = (terms @ basis.T for basis in modulus_basis(omega, problem.spectrum.rho))
-    ends = (np.quantile(np.log(values), ndtr([-1.0, 1.0]), axis=0) for values in (storage, loss / storage))
-    prior = [0.5 * (high - low) for low, high in ends]
-    return Moduli(frequency, *np.exp(np.split(logarithms, 2)), *np.split(u, 2), *prior, informative_range(known))
+    low, high = informative_range(known)
+    made, is_determined = {}, (frequency >= low) & (frequency <= high)
+    for name, units, value, sd, drawn in zip(
+        ("storage", "loss_factor"), ("Pa", "1"), logarithms, u, (storage, loss / storage), strict=True
+    ):
+        before = 0.5 * np.diff(np.quantile(np.log(drawn), ndtr([-1.0, 1.0]), axis=0), axis=0)[0]
+        is_determined &= sd < DETERMINED * before
+        for column, values, unit, text in (
+            (name, np.exp(value), units, name.replace("_", " ").replace("storage", "storage modulus")),
+            (f"u_ln_{name}", sd, "1", "standard deviation of its logarithm"),
+            (f"prior_ln_{name}", before, "1", "the same, of the prior"),
+        ):
+            made[column] = variable("frequency", values, unit, text)
+    made["is_determined"] = variable("frequency", is_determined.astype(np.int8), "1", "1 where determined")
+    return xr.Dataset(made, coords={"frequency": variable("frequency", frequency, "Hz", "frequency")})
 
 
 def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:

@@ -7,7 +7,7 @@ tangent holds far along the valleys that the data leave open, where a linear ste
 logarithms would end after a factor of two.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,7 +24,7 @@ class Tangent:
 
     ``at`` (parameter,): Standard coordinates of the point. ``by_terms`` (n, 1 + term), ``by_values`` (n, nuisance):
     Derivatives of the fast models of all experiments, one below the other, per Pa and by the nuisances in their
-    units. ``rest`` (n,): Residuals of the data there.
+    units; in a fit, over the deviations. ``rest`` (n,): Residuals of the data there.
     """
 
     problem: Problem
@@ -44,11 +44,6 @@ class Tangent:
             by_terms.append(by_term)
             by_values.append(np.array([others.get(p.name, none) for p in problem.nuisances]).reshape(-1, none.size).T)
         return cls(problem, xi, np.vstack(by_terms), np.vstack(by_values), np.zeros(0))
-
-    def weighed(self, factor: Floats, rest: Floats) -> "Tangent":
-        """Return the same in units of the deviations: a factor (n,) for all derivatives, and the residuals there."""
-        by_terms, by_values = factor[:, None] * self.by_terms, factor[:, None] * self.by_values
-        return replace(self, by_terms=by_terms, by_values=by_values, rest=rest)
 
     def jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations."""

@@ -207,8 +207,7 @@ def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
             Series("most probable", frequency, value, role="model"),
         ]
         if found.prior is not None:
-            before = moduli(found.prior, frequency)
-            values = before.storage if name == "storage" else before.loss_factor
+            values = moduli(found.prior, frequency)[name].values
             series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
         elif found.stated is not None and stated is not None:
             values = stated.real if name == "storage" else stated.imag / stated.real

@@ -112,7 +112,7 @@ def poissons_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset
     """Return Poisson's ratio of the material that the settings name; arguments as for :func:`resolve`."""
     if fitted is not None:
         return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
-    known = materials.describe(choice.material or "") if file is None else materials.read_material(file)
+    known = materials.describe(choice.material or "" if file is None else file)
     return next(Quantity(e.value, e.u, "1") for e in known.entries if e.name == "poisson")
 
 

@@ -175,16 +175,6 @@ def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
     assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
 
 
-def test_storage_that_falls_with_frequency_is_named(maxwell_truth):
-    def resonance(sweeps):
-        sweeps["storage"][5, -3:] *= np.array([0.9, 0.7, 0.5])
-
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        master_curve(changed(maxwell_truth, resonance), T_ref=60.0)
-    assert any("falls with frequency" in str(w.message) and "32.7" in str(w.message) for w in caught)
-
-
 def set_value(name, value):
     def change(sweeps):
         sweeps[name][2, 3] = value
