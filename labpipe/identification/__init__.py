@@ -4,9 +4,6 @@ A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and
 nuisance parameters. :func:`fit` finds the most probable answer, :func:`posterior` its uncertainty,
 :func:`infer` both, over the structures that a spectrum may have, :func:`long_time_modulus`
 whether the data show a plateau.
-
-Drops on a plate and on a counter-body, and the average over the structures of a spectrum, need what this room
-has beyond its budget.
 """
 
 from labpipe.identification._drops import Bounces as Bounces, DropModel as DropModel, drop_evidence as drop_evidence

@@ -131,8 +131,7 @@ class Objective:
     @property
     def deviations(self) -> Floats:
         """The deviations (n,) of all experiments; those of a misfit go with the values."""
-        groups = [(self.misfits.get((name, group.name), Misfit()), group) for name, group, _ in self.problem.groups]
-        return np.concatenate([misfit.deviation(group) for misfit, group in groups])
+        return np.concatenate([self.misfits.get((n, g.name), Misfit()).deviation(g) for n, g, _ in self.problem.groups])
 
     def surrogate(self, xi: Floats, rows: Floats | None = None) -> Tangent:
         """Return the surrogate around a point; derivatives of the last point are kept, as ``rows`` there may be."""
@@ -209,9 +208,7 @@ def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | N
     def excess(relative: float) -> float:
         return float(np.sum(rest**2 / (u**2 + (relative * size) ** 2))) - freedom
 
-    highest = 1.0
-    is_beyond = excess(highest) > 0.0
-    relative = highest if is_beyond else float(brentq(excess, 0.0, highest, xtol=1e-9))
+    relative = 1.0 if excess(1.0) > 0.0 else float(brentq(excess, 0.0, 1.0, xtol=1e-9))
     return Misfit(relative, neighbours(rest / np.hypot(u, relative * size)))
 
 

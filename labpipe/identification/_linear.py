@@ -67,20 +67,14 @@ def force_evidence(
     Derivative of the basis by unknowns, such as the zero of depth. ``factors``, ``offsets``: Unknowns that multiply
     every force, or are added to it (gain, punch; tare).
     """
-    model = LinearModel(
-        basis,
-        (float(lag.min()), float(lag.max())),
-        dict(shifts or {}),
-        factors,
-        {o: np.ones(force.size) for o in offsets},
-    )
+    window, added = (float(lag.min()), float(lag.max())), {name: np.ones(force.size) for name in offsets}
+    model = LinearModel(basis, window, dict(shifts or {}), factors, added)
     return Evidence(name, (Group("force", force, u_force, lag, "N", "time since the ramp", "s"),), model)
 
 
-def modulus_basis(omega: Floats, rho: Floats) -> tuple[Floats, Floats]:
-    """Return storage and loss modulus (n, 1 + term) per Pa of each term."""
-    storage, loss = np.split(np.roll(moduli_of_terms(np.log(omega), np.log(rho)), 1, axis=1), 2)
-    return storage, loss
+def modulus_basis(omega: Floats, rho: Floats) -> Floats:
+    """Return storage and loss modulus (2, n, 1 + term) per Pa of each term."""
+    return np.roll(moduli_of_terms(np.log(omega), np.log(rho)), 1, axis=1).reshape(2, omega.size, rho.size + 1)
 
 
 def stiffness_evidence(

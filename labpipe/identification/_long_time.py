@@ -9,7 +9,7 @@ of time,
 
 would take next to nothing. A power-law tail, whose decades differ little from each other, shows
 none, however long and however precisely it is recorded. Both quantities are averaged over the structures that
-a spectrum may have (:mod:`.structure`).
+a spectrum may have (:mod:`._model_averaging`).
 """
 
 from dataclasses import dataclass
@@ -29,9 +29,7 @@ PLATEAU = 0.05
 """Share of the modulus that may still relax within thirty years, falling as at the end of the record:
 more would make the number rest on the extrapolation."""
 
-_LEVEL = 0.95
-"""Of the interval."""
-
+_LEVEL = 0.95  # of the interval
 _KNOWN = log(2.0)
 """Half the width of the logarithm's interval within which the modulus at the end is known at all."""
 

@@ -1,18 +1,12 @@
-r"""How uneven a relaxation spectrum is: inference for several degrees of unevenness, and their average.
+r"""Inference over a smooth and an uneven relaxation spectrum (:mod:`._spectra`), and their average.
 
-Spectra of polymers are smooth: broad dispersions that overlap. Some have a shoulder or a narrow
-peak, or end steeply. How soon a slope may turn limits the moduli between two readings and
-beyond the last one, so that an answer depends on it. Each is a candidate: the smooth spectrum, and an
-uneven one whose slope turns within half a decade. (A series of single terms is neither, and no
-polymer has one; recorded from one, a misfit remains and is said.) Their probability after the data is
-that of Laplace's approximation to the evidence,
+The distance over which a slope may turn limits the moduli between two readings and beyond the last one, so that an
+answer depends on it. A series of single terms is neither, and no polymer has one; recorded from one, a misfit remains.
+The probability of either after the data is that of Laplace's approximation to the evidence,
 
 .. math:: \ln Z = -\tfrac12 |R(\hat\xi)|^2 - \tfrac12 \ln\det(J^\top J + 1),
 
-and a modulus is averaged over both with their posterior probabilities.
-
-A candidate takes the derivatives of the models at one point, about which they are linear in the terms
-(:mod:`._tangent`).
+by the derivatives of the models at one point (:mod:`._tangent`); a modulus is averaged over both.
 
 References
 ----------
@@ -76,17 +70,16 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
         SMOOTH: SmoothSpectrum(relaxation_times(*data), nu),
         UNEVEN: SmoothSpectrum(relaxation_times(*data, per_decade=_UNEVEN_PER_DECADE), nu, _UNEVEN_TURN),
     }
-    made, logarithms = [], []
+    made = []
     for name, spectrum in candidates.items():
         own = Problem(spectrum, rebuilt(spectrum.rho), problem.nuisances)
         at = np.append(np.clip(spectrum.coordinates_of(begin), -BOUND, BOUND), found.xi[n:])
         surrogate = Objective(own, found.corrections, found.misfits).surrogate(at)
         lowest, cost = surrogate.lowest(LEAST_DAMPING, BOUND)
         covariance, size = laplace(surrogate.jacobian(lowest))
-        logarithms.append(-cost - 0.5 * size)
-        made.append(Structure(name, spectrum, lowest, covariance, 0.0))
-    weights = np.exp(np.array(logarithms) - max(logarithms))
-    weights = np.where(weights < _NEGLIGIBLE * weights.sum(), 0.0, weights)
-    weights /= weights.sum()
-    kept = [replace(one, weight=float(w)) for one, w in zip(made, weights, strict=True) if w > 0.0]
-    return tuple(sorted(kept, key=lambda one: -one.weight))
+        made.append(Structure(name, spectrum, lowest, covariance, -cost - 0.5 * size))
+    made.sort(key=lambda one: -one.weight)
+    weights = np.exp([one.weight - made[0].weight for one in made])
+    weights[weights < _NEGLIGIBLE * weights.sum()] = 0.0
+    shares = (weights / weights.sum()).tolist()
+    return tuple(replace(one, weight=share) for one, share in zip(made, shares, strict=True) if share > 0.0)

@@ -106,17 +106,13 @@ def moduli(known: Posterior, frequency: Floats) -> xr.Dataset:
     storage, loss = (terms @ basis.T for basis in modulus_basis(omega, problem.spectrum.rho))
     low, high = informative_range(known)
     made, is_determined = {}, (frequency >= low) & (frequency <= high)
-    for name, units, value, sd, drawn in zip(
-        ("storage", "loss_factor"), ("Pa", "1"), logarithms, u, (storage, loss / storage), strict=True
-    ):
+    kinds = ("storage", "Pa", "storage modulus"), ("loss_factor", "1", "loss factor")
+    for (name, units, text), value, sd, drawn in zip(kinds, logarithms, u, (storage, loss / storage), strict=True):
         before = 0.5 * np.diff(np.quantile(np.log(drawn), ndtr([-1.0, 1.0]), axis=0), axis=0)[0]
         is_determined &= sd < DETERMINED * before
-        for column, values, unit, text in (
-            (name, np.exp(value), units, name.replace("_", " ").replace("storage", "storage modulus")),
-            (f"u_ln_{name}", sd, "1", "standard deviation of its logarithm"),
-            (f"prior_ln_{name}", before, "1", "the same, of the prior"),
-        ):
-            made[column] = variable("frequency", values, unit, text)
+        made[name] = variable("frequency", np.exp(value), units, text)
+        made[f"u_ln_{name}"] = variable("frequency", sd, "1", "standard deviation of its logarithm")
+        made[f"prior_ln_{name}"] = variable("frequency", before, "1", "the same, of the prior")
     made["is_determined"] = variable("frequency", is_determined.astype(np.int8), "1", "1 where determined")
     return xr.Dataset(made, coords={"frequency": variable("frequency", frequency, "Hz", "frequency")})
 
@@ -124,7 +120,7 @@ def moduli(known: Posterior, frequency: Floats) -> xr.Dataset:
 def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
     terms, by_xi = spectrum.terms(xi)
-    bases = np.array(modulus_basis(omega, spectrum.rho))
+    bases = modulus_basis(omega, spectrum.rho)
     storage, loss = bases @ terms
     by_storage, by_loss = bases @ by_xi / np.array([storage, loss])[..., None]
     slopes = np.zeros((2 * omega.size, xi.size))
@@ -152,11 +148,6 @@ class Band:
     u_predicted: Floats
     residual: Floats
     misfit: Misfit
-
-    @property
-    def chi_square(self) -> float:
-        """Of the residuals over the stated uncertainties alone."""
-        return float(np.sum(((self.group.values - self.predicted) / self.group.u) ** 2))
 
 
 def predictive_bands(known: Posterior) -> tuple[Band, ...]:

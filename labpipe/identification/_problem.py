@@ -1,6 +1,6 @@
 """The inverse problem: one material, its experiments, and their nuisance parameters."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -77,10 +77,6 @@ class Problem:
         """Return the material at standard coordinates (parameter,)."""
         relaxed, *weights = self.spectrum.terms(xi)[0]
         return Prony(float(relaxed), np.array(weights), self.spectrum.rho, nu=self.spectrum.nu)
-
-    def only(self, *, prior: bool) -> "Problem":
-        """Return the same problem with the evidence known beforehand alone, or without it."""
-        return replace(self, evidence=tuple(e for e in self.evidence if e.is_prior == prior))
 
     @cached_property
     def groups(self) -> tuple[tuple[str, Group, slice], ...]:

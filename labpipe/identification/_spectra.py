@@ -12,7 +12,7 @@ uncertain as they are. Level and long-time modulus are known within a factor of 
 polymer's. Nothing else is assumed; where data are silent the answer is the prior.
 
 Uneven spectrum. The same with slopes that turn within half a decade: a shoulder or a narrow peak,
-as the steep ends of Havriliak and Negami's dispersions are (:mod:`.structure` asks whether the
+as the steep ends of Havriliak and Negami's dispersions are (:mod:`._model_averaging` tests if the
 data show any).
 
 References
@@ -34,9 +34,7 @@ from labpipe.errors import InputError
 from labpipe.identification._parameters import Parameter
 from labpipe.materials import Prony
 
-_POLYMER = log(1e8)
-_WIDE = log(100.0)
-"""A polymer's modulus lies between a rubber's and a glass's: 1e8 Pa within a factor of 100."""
+_POLYMER, _WIDE = log(1e8), log(100.0)  # a polymer's modulus lies between a rubber's and a glass's, within this factor
 
 _PER_DECADE = 0.5 * log(10.0)
 """Standard deviation of the change of a spectrum from one decade to the next: in logarithmic
@@ -66,9 +64,8 @@ def relaxation_times(shortest: float, longest: float, per_decade: int = _FINE) -
         raise InputError(f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest")
     low, high = log10(shortest / _MARGIN), log10(longest * _MARGIN)
     fine = low + np.arange(ceil((high - low) * per_decade) + 1) / per_decade
-    last = max(log10(HORIZON), fine[-1])
     quick = fine[0] - np.arange(_QUICKER, 0, -1)
-    slow = fine[-1] + np.arange(1, ceil(last - fine[-1]) + 1)
+    slow = fine[-1] + np.arange(1, ceil(max(log10(HORIZON) - fine[-1], 0.0)) + 1)
     return np.asarray(10.0 ** np.concatenate([quick, fine, slow]))
 
 
@@ -93,11 +90,6 @@ class SmoothSpectrum:
     def __post_init__(self) -> None:
         if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:
             raise InputError("a spectrum needs at least two relaxation times, positive and ascending")
-
-    @cached_property
-    def _widths(self) -> Floats:
-        """Decades that belong to each term."""
-        return np.asarray(np.gradient(np.log10(self.rho)))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -131,7 +123,7 @@ class SmoothSpectrum:
         mixed = np.diag([p.sd for p in self.parameters])
         mixed[2:, 2:] = self._root
         at = walk @ np.array([p.mean for p in self.parameters])
-        at[1:] += np.log(self._widths)
+        at[1:] += np.log(np.gradient(np.log10(self.rho)))  # decades that belong to each term
         return at, walk @ mixed
 
     @cached_property
@@ -158,10 +150,11 @@ class SmoothSpectrum:
 
     def coordinates_of(self, solid: Prony) -> Floats:
         """Return coordinates of a spectrum that goes as that of another series does."""
-        weight = np.log(np.maximum(solid.E, _LEAST)) - np.log(np.gradient(np.log10(solid.rho)))
-        own = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(self._widths)
+        decades, own = (np.gradient(np.log10(rho)) for rho in (solid.rho, self.rho))
+        weight = np.log(np.maximum(solid.E, _LEAST) / decades)
+        terms = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(own)
         at, by_xi = self._logarithms
-        return np.asarray(np.linalg.solve(by_xi, np.append(log(solid.E_relaxed), own) - at))
+        return np.asarray(np.linalg.solve(by_xi, np.append(log(solid.E_relaxed), terms) - at))
 
 
 def _variance(lasting: Floats) -> Floats:
