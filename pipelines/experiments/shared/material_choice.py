@@ -91,7 +91,7 @@ def variations(
         best = fitted_at(fitted, None)
         where = float(fitted["T_ref"]) if stated is None else stated.value
         slower, stiffer = _shift(fitted, where)
-        for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower):
+        for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower).items():
             found[name] = Variation(Quantity(0.0, 1.0, "1"), 1.0, solid.shifted(slower, stiffer))
         u_scale = float(fitted.attrs["u_scale"])
         if u_scale > 0.0:
