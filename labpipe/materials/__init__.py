@@ -1,7 +1,7 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library.
 
 Relaxation and creep tests as sweeps, the uncertainty of a master curve as solids for predictions, and the input of
-four simulation codes need what this room has beyond its budget.
+four simulation codes need the lines beyond the budget of this room.
 """
 
 from typing import TYPE_CHECKING

@@ -70,7 +70,7 @@ def _fitted(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Prony, float
 
 
 def with_responses(readings: xr.Dataset) -> xr.Dataset:
-    """Return readings whose relaxation and creep tests are sweeps, beside the sweeps that they hold.
+    """Return readings whose relaxation and creep tests are sweeps, with the sweeps that they hold.
 
     Each test is fitted by one spectrum, whose moduli are given at frequencies inside the times that were measured.
 

@@ -75,7 +75,7 @@ class Material:
     Attributes
     ----------
     name, summary : str
-        What it is.
+        Of the material.
     prony : Prony
         At the reference temperature.
     entries : tuple of Entry
@@ -110,7 +110,7 @@ class Material:
 
 
 Solid = Prony | Material | MasterCurve | str | Path
-"""What an argument ``material`` takes: an object, a name of the library, or a TOML file."""
+"""Values of an argument ``material``: an object, a name of the library, or a TOML file."""
 
 
 def solid(material: Solid, temperature: Measure | None = None) -> Prony:

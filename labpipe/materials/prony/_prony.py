@@ -183,7 +183,7 @@ class Prony:
         return self._creep.weight, self._creep.time
 
     def factor(self, mode: Mode) -> float:
-        """Return what the tensile modulus is multiplied by: shear 1/2(1+ν), contact 1/(1−ν²)."""
+        """Return the factor on the tensile modulus: shear 1/2(1+ν), contact 1/(1−ν²)."""
         factors = {"tension": 1.0, "shear": 0.5 / (1.0 + self.nu), "contact": 1.0 / (1.0 - self.nu**2)}
         if mode not in factors:
             raise InputError(f'mode "{mode}" is unknown; use one of {", ".join(factors)}')

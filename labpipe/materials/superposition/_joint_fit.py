@@ -10,7 +10,7 @@ with the horizontal shift a, the vertical shift b and the delay d of the instrum
 spectrum enters linearly and is eliminated (variable projection): for every set of shifts the
 best non-negative spectrum is one small least-squares problem, and the outer Levenberg-Marquardt
 iteration sees only shifts, vertical parameters and the delay. Its matrix is the data's
-sensitivity to those, less what a change of the spectrum could imitate (Kaufman's form); the
+sensitivity to those, less the part that a change of the spectrum could imitate (Kaufman's form); the
 inverse of that matrix is their covariance.
 
 References

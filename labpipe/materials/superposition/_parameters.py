@@ -45,7 +45,7 @@ LEAST_SPACING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Parameters (horizontal, vertical, delay), and what they make.
+    """Parameters (horizontal, vertical, delay), and the factors that they make.
 
     ``log10_aT``, ``ln_bT`` (isotherm,); ``delay`` [s].
     """

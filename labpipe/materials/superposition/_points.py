@@ -53,7 +53,7 @@ class SweepData:
 
 
 def read_sweeps(sweeps: xr.Dataset) -> SweepData:
-    """Check a Dataset of sweeps and flatten it into points; :func:`.master_curve` says what it holds.
+    """Check a Dataset of sweeps and flatten it into points; :func:`.master_curve` describes its contents.
 
     Raises
     ------

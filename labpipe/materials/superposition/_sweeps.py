@@ -110,7 +110,7 @@ def gather_sweeps(
         ``loss_modulus`` [Pa], ``is_valid``; the attribute ``tests`` (JSON) counts the rows of every
         table.
     mode : {"tension", "bending", "shear", "torsion"}
-        What was loaded; shear moduli become E = 2 (1 + ν) G.
+        The loading; shear moduli become E = 2 (1 + ν) G.
     nu : float
         Poisson's ratio.
     tolerance : float [K]
