@@ -21,10 +21,9 @@ from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Given, Group
 from labpipe.materials import Prony
 
-_CHANGE = 0.002  # of an unknown, for central differences
-_ONE_SIDED = 5e-4
-"""Of the modulus of a contact. A lossy term as large shifts the last touch by some ten of its
-deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
+_CHANGE = 5e-4
+"""Of an unknown, and of the modulus of a contact, for differences. A lossy term as large shifts the last touch by some
+ten of its deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
 _DENSE = (0.03, 30.0)  # durations of a contact between which the derivative bends most
 _FROZEN = 100.0  # a term this many times slower than the record does not relax in it
 _VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
@@ -96,11 +95,11 @@ class DropModel:
         is_dense = (nodes >= _DENSE[0] * lasting) & (nodes <= _DENSE[1] * lasting)
         is_end = np.isin(np.arange(nodes.size), (0, nodes.size - 1))
         nodes = nodes[is_dense | is_end | (np.arange(nodes.size) % 2 == 0)]
-        step = _ONE_SIDED * abs(complex(material.complex_modulus(np.array([np.pi / lasting]))[0]))
+        step = _CHANGE * abs(complex(material.complex_modulus(np.array([np.pi / lasting]))[0]))
         more = [Prony(material.E_relaxed + step, material.E, rho, material.nu)]
         more += [Prony(material.E_relaxed, material.E + step * (rho == time), rho, material.nu) for time in nodes]
         moved = {name: _CHANGE * (1.0 if role in _ADDED else given[name]) for role, name in self.names.items()}
-        sides = [{**given, name: given[name] + way} for name, far in moved.items() for way in (far, -far)]
+        sides = [{**given, name: given[name] + far} for name, far in moved.items()]
         trials = [(material, given), *((solid, given) for solid in more), *((material, side) for side in sides)]
         at, *made = self._runs(trials, max(_FAST, self.rtol))
         relaxed, *columns = ((one - at) / step for one in made[: len(more)])
@@ -112,9 +111,8 @@ class DropModel:
             by_term[:, 1:][:, is_moving] = columns[0][:, None]
         if columns:
             by_term[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
-        ends = made[len(more) :]
-        others = zip(moved.items(), ends[::2], ends[1::2], strict=True)
-        return by_term, {name: (high - low) / (2.0 * far) for (name, far), high, low in others}
+        others = zip(moved.items(), made[len(more) :], strict=True)
+        return by_term, {name: (one - at) / far for (name, far), one in others}
 
     def _runs(self, trials: list[tuple[Prony, Given]], rtol: float) -> list[Floats]:
         """Simulate materials with values of the unknowns, and return the observed numbers of each."""
