@@ -21,7 +21,6 @@ from labpipe.identification._parameters import Parameter as Parameter
 from labpipe.identification._posterior import (
     DETERMINED as DETERMINED,
     Band as Band,
-    Moduli as Moduli,
     Posterior as Posterior,
     Structure as Structure,
     informative_range as informative_range,
@@ -29,5 +28,5 @@ from labpipe.identification._posterior import (
     posterior as posterior,
     predictive_bands as predictive_bands,
 )
-from labpipe.identification._problem import Misfit as Misfit, Problem as Problem, split_by_group as split_by_group
+from labpipe.identification._problem import Misfit as Misfit, Problem as Problem
 from labpipe.identification._spectra import SmoothSpectrum as SmoothSpectrum, relaxation_times as relaxation_times

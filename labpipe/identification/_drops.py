@@ -4,18 +4,12 @@ The simulator is not linear in the material, so derivatives are differences: by 
 relaxation modulus themselves, since a bounce hardly depends on how a modulus is divided among
 terms, and by a set part of the modulus of a contact, since a term may be next to nothing. Over the
 relaxation time they are a smooth curve, of which far from a contact every second point is enough.
-The simulator's answer is smooth also with coarse steps, whose values a fuller run corrects. Two
-unknowns cost no run: on a rigid floor the motion depends on modulus, mass and radius by
-``E sqrt(R) / m`` alone (gap ``r^2/2R``; contact radii go with ``sqrt(R)`` besides), so their
-derivatives are those of a common factor of all moduli (of the sphere's alone, which on a stiff counter-body is the
-same to a percent). A plate moves by the ratio of the masses.
+The simulator's answer is smooth also with coarse steps, whose values a fuller run corrects.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -27,22 +21,16 @@ from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Given, Group
 from labpipe.materials import Prony
 
-_CHANGE = 0.002  # of all moduli, a height or a mass, for central differences
-_BOTH_SIDES = (1.0 + _CHANGE, 1.0 - _CHANGE)
-_ONE_SIDED = 5e-4
-"""Of the modulus of a contact. A lossy term as large shifts the last touch by some ten of its
-deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
+_CHANGE = 5e-4
+"""Of an unknown, and of the modulus of a contact, for differences. A lossy term as large shifts the last touch by some
+ten of its deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
 _DENSE = (0.03, 30.0)  # durations of a contact between which the derivative bends most
 _FROZEN = 100.0  # a term this many times slower than the record does not relax in it
 _VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
 _FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touch, off by some 1e-5
 _MORE_TIME = 4.0  # a run may last longer than the record: a trial may bounce higher
 _RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
-ROLES = ("height", "mass", "radius", "modulus", "trigger", "pulse", "pixel", "plate")
-"""What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, factor of the
-modulus of a contact (1 at best), delay [s] of the first contact's reading, shape of the pulse in its
-deviations, scale of the film (1 at best), modal mass [kg] of the plate."""
-_STIFFNESS = {"mass", "radius", "modulus"}  # whose effect is that of a common factor of all moduli
+_ADDED = {"trigger", "pulse"}  # to the numbers: zero at best
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +40,13 @@ class DropModel:
     ``radius``, ``mass``, ``height``, ``gravity`` [m], [kg], [m], [m/s2]: Best values. ``touches``, ``durations``,
     ``radii``: Which impacts, from 0, are observed: times of touch since the first contact (from 1), durations of
     contact, largest contact radii. ``last`` [s]: Time of the last observation since first contact.
-    ``expected_duration`` [s]: Of a contact. ``names``: Unknowns of the problem by :data:`ROLES`; the others are
-    taken at its best value. ``plate``: On which the sphere falls; a rigid floor by default. ``flat``: Counter-body;
-    rigid by default. ``rtol``: Of the
-    simulator for the fuller model; the fast one takes coarser steps. ``shared`` (duration,): Change of every
-    duration by one deviation of the pulse's shape.
+    ``expected_duration`` [s]: Of a contact. ``names``: Unknowns of the problem by their role: "height" [m] of the fall,
+    "mass" [kg] that moves, "radius" [m] of the sphere, "modulus", a factor of that of the contact (1 at best),
+    "trigger" [s], the delay of the first contact's reading, "pulse", its shape in its deviations, "pixel", the scale of
+    the film (1 at best), "plate" [kg], its modal mass; the others are taken at their best values. ``plate``: On which
+    the sphere falls; a rigid floor by default. ``flat``: Counter-body; rigid by default. ``rtol``: Of the simulator for
+    the fuller model; the fast one takes coarser steps. ``shared`` (duration,): Change of every duration by one
+    deviation of the pulse's shape.
     """
 
     radius: float
@@ -88,156 +78,87 @@ class DropModel:
         """
         return _RESOLVED * self.expected_duration, self.expected_duration
 
-    def predict(self, material: Prony, given: Given) -> Floats:
+    def predict(self, material: Prony, given: Given, *, is_full: bool = False) -> Floats:
         """Return touches [s], durations [s] and radii [m], one behind the other.
 
         An impact that does not happen any more counts as at the last one, with no contact.
         """
-        return self._finished(self._runs([_Trial(material, given)])[0], given)
+        return self._runs([(material, given)], self.rtol if is_full else max(_FAST, self.rtol))[0]
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return differences; see :meth:`Model.derivatives`."""
         # Of the times of the material, those whose derivatives are worth a run. Slower terms are stiffness to a
         # record, quicker ones viscosity; between the nodes the derivative is a smooth curve.
         rho, lasting = material.rho, self.expected_duration
-        first = max(int(np.searchsorted(rho, _VISCOUS * lasting, "right")) - 1, 0)
-        nodes = rho[first:][rho[first:] <= _FROZEN * self.last]
-        relative = nodes / lasting
-        is_dense = (relative >= _DENSE[0]) & (relative <= _DENSE[1])
+        is_moving = rho <= _FROZEN * self.last
+        nodes = rho[max(int(np.searchsorted(rho, _VISCOUS * lasting, "right")) - 1, 0) : np.count_nonzero(is_moving)]
+        is_dense = (nodes >= _DENSE[0] * lasting) & (nodes <= _DENSE[1] * lasting)
         is_end = np.isin(np.arange(nodes.size), (0, nodes.size - 1))
         nodes = nodes[is_dense | is_end | (np.arange(nodes.size) % 2 == 0)]
-        step = _ONE_SIDED * abs(complex(material.complex_modulus(np.array([np.pi / lasting]))[0]))
-        moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
-        moved = [self.names[role] for role in moved if role in self.names]
-        trials = [
-            _Trial(material, given),
-            _Trial(Prony(material.E_relaxed + step, material.E, rho, material.nu), given),
-        ]
-        more = [material.E + step * (rho == time) for time in nodes]
-        trials += [_Trial(Prony(material.E_relaxed, terms, rho, material.nu), given) for terms in more]
-        scaled = _STIFFNESS & set(self.names)  # by terms it would be a small difference of large ones
-        trials += [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES if scaled]
-        for name in moved:
-            trials += [_Trial(material, {**given, name: factor * given[name]}) for factor in _BOTH_SIDES]
-        made = iter(self._runs(trials))
-        at = next(made)
-        by_term = np.empty((at.size, rho.size + 1))
-        by_term[:] = ((next(made) - at) / step)[:, None]
-        columns = [(next(made) - at) / step for _ in nodes]
-        if columns:
-            is_moving = rho <= _FROZEN * self.last
+        step = _CHANGE * abs(complex(material.complex_modulus(np.array([np.pi / lasting]))[0]))
+        more = [Prony(material.E_relaxed + step, material.E, rho, material.nu)]
+        more += [Prony(material.E_relaxed, material.E + step * (rho == time), rho, material.nu) for time in nodes]
+        moved = {name: _CHANGE * (1.0 if role in _ADDED else given[name]) for role, name in self.names.items()}
+        sides = [{**given, name: given[name] + far} for name, far in moved.items()]
+        trials = [(material, given), *((solid, given) for solid in more), *((material, side) for side in sides)]
+        at, *made = self._runs(trials, max(_FAST, self.rtol))
+        relaxed, *columns = ((one - at) / step for one in made[: len(more)])
+        by_term = np.repeat(relaxed[:, None], rho.size + 1, axis=1)
+        if len(columns) > 1:
             inside = np.log(np.clip(rho[is_moving], nodes[0], nodes[-1]))
-            several = len(columns) > 1
-            curve = PchipInterpolator(np.log(nodes), np.stack(columns))(inside).T if several else columns[0][:, None]
-            by_term[:, 1:][:, is_moving] = curve
+            by_term[:, 1:][:, is_moving] = PchipInterpolator(np.log(nodes), np.stack(columns))(inside).T
+        elif columns:
+            by_term[:, 1:][:, is_moving] = columns[0][:, None]
+        if columns:
             by_term[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
+        others = zip(moved.items(), made[len(more) :], strict=True)
+        return by_term, {name: (one - at) / far for (name, far), one in others}
 
-        def central() -> Floats:
-            """Return the derivative (n,) by the logarithm of a quantity changed on both sides."""
-            return np.asarray((next(made) - next(made)) / (2.0 * _CHANGE))
-
-        is_touch, is_radius, by_pulse = self._kinds
-        by_factor = central() if scaled else np.zeros(at.size)
-        body = {"modulus": by_factor, "mass": -by_factor, "radius": 0.5 * (by_factor + is_radius * at)}
-        others = {
-            self.names[role]: column / given[self.names[role]] for role, column in body.items() if role in self.names
-        }
-        others |= {name: central() / given[name] for name in moved}
-        factor = self._film(given)
-        finished = {name: factor * column for name, column in others.items()}
-        recording = {"trigger": -is_touch, "pulse": by_pulse, "pixel": is_radius * at}
-        finished |= {self.names[role]: column for role, column in recording.items() if role in self.names}
-        return factor[:, None] * by_term, finished
-
-    def refined(self, material: Prony, given: Given) -> Floats | None:
-        """Return the numbers of an accurate run."""
-        numbers = self._runs([_Trial(material, given)], is_full=True)[0]
-        return self._finished(numbers, given)
-
-    def _finished(self, numbers: Floats, given: Given) -> Floats:
-        is_touch, _, by_pulse = self._kinds
-        read = self._value("pulse", 0.0, given) * by_pulse - self._value("trigger", 0.0, given) * is_touch
-        return np.asarray(self._film(given) * numbers + read)
-
-    def _film(self, given: Given) -> Floats:
-        return np.asarray(self._value("pixel", 1.0, given) ** self._kinds[1])
-
-    @cached_property
-    def _kinds(self) -> tuple[Floats, Floats, Floats]:
-        """One for touches (n,), one for radii, and the change of the numbers by one deviation of the pulse."""
-        ends = np.cumsum([self.touches.size, self.durations.size, self.radii.size])
-        place = np.arange(ends[2])
-        by_pulse = np.zeros(ends[2])
-        if self.shared is not None:
-            by_pulse[ends[0] : ends[1]] = self.shared
-        return (place < ends[0]).astype(float), (place >= ends[1]).astype(float), by_pulse
-
-    def _value(self, role: str, best: float, given: Given) -> float:
-        return given[self.names[role]] if role in self.names else best
-
-    def _runs(self, trials: "Sequence[_Trial]", *, is_full: bool = False) -> list[Floats]:
-        """Simulate with the best mass and radius and materials that make up for them."""
+    def _runs(self, trials: list[tuple[Prony, Given]], rtol: float) -> list[Floats]:
+        """Simulate materials with values of the unknowns, and return the observed numbers of each."""
         needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii) if w.size), default=0)
-        wider, solids, heights, flats = [], [], [], list[contact.CounterBody | None]()
-        for material, given in trials:
-            mass, radius = self._value("mass", self.mass, given), self._value("radius", self.radius, given)
-            wider.append(sqrt(radius / self.radius))
-            stiffer = self._value("modulus", 1.0, given)
-            makes_up = self.mass / mass * wider[-1]
-            solids.append(material.scaled(stiffer * makes_up))
-            flats.append(self.flat and self.flat._replace(E=self.flat.E * makes_up))
-            heights.append(self._value("height", self.height, given))
-        # The plate is as heavy in proportion to the best mass of the sphere.
-        plates = [
-            self.plate
-            and replace(
-                self.plate,
-                mass=self._value("plate", self.plate.mass, given) * self.mass / self._value("mass", self.mass, given),
-            )
-            for _, given in trials
-        ]
+
+        def values(role: str, best: float) -> list[float]:
+            return [given[self.names[role]] if role in self.names else best for _, given in trials]
+
+        heights = values("height", self.height)
+        plate = self.plate
+        plates = [plate and replace(plate, mass=mass) for mass in values("plate", plate.mass if plate else 0.0)]
         # Simulations end with the last impact that was observed, or at rest.
         after = _MORE_TIME * (self.last + self.expected_duration)
+        stiffer = zip(trials, values("modulus", 1.0), strict=True)
         made = contact.impacts(
-            solids,
-            self.radius,
-            self.mass,
+            [solid if by == 1.0 else solid.scaled(by) for (solid, _), by in stiffer],
+            values("radius", self.radius),
+            values("mass", self.mass),
             heights,
             [sqrt(2.0 * height / self.gravity) + after for height in heights],
             needed,
             self.profile,
-            self.rtol if is_full else max(_FAST, self.rtol),
+            rtol,
             gravity=self.gravity,
             plate=plates,
-            substrate=list(flats),
+            substrate=self.flat,
         )
         names = ("impact_time", "contact_duration", "peak_contact_radius")
         found = np.stack([made[name].values for name in names], axis=1)
-        return [self._observed(columns, factor) for columns, factor in zip(found, wider, strict=True)]
+        shared = np.zeros(self.durations.size) if self.shared is None else self.shared
+        recorded = zip(found, values("trigger", 0.0), values("pulse", 0.0), values("pixel", 1.0), strict=True)
+        return [self._observed(columns, late, pulse * shared, scale) for columns, late, pulse, scale in recorded]
 
-    def _observed(self, columns: Floats, wider: float) -> Floats:
+    def _observed(self, columns: Floats, late: float, longer: Floats, scale: float) -> Floats:
         """Return the observed numbers of the impacts, from touch, duration and radius (column, impact)."""
         touch, lasted, radii = columns[:, np.isfinite(columns[0])]
         if not touch.size:
             raise InputError("the sphere does not bounce: there is nothing to predict")
+        last = touch.size - 1
         return np.concatenate(
             [
-                touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
-                np.where(self.durations < touch.size, _at(lasted, self.durations), 0.0),
-                np.where(self.radii < touch.size, _at(radii, self.radii), 0.0) * wider,
+                touch[np.minimum(self.touches, last)] - touch[0] - late,
+                np.where(self.durations <= last, lasted[np.minimum(self.durations, last)], 0.0) + longer,
+                scale * np.where(self.radii <= last, radii[np.minimum(self.radii, last)], 0.0),
             ]
         )
-
-
-class _Trial(NamedTuple):
-    """One simulation: a material, and the values of the unknowns."""
-
-    material: Prony
-    given: Given
-
-
-def _at(values: Floats, index: Integers) -> Floats:
-    return np.asarray(values[np.minimum(index, values.size - 1)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,14 +59,11 @@ class Model(Protocol):
     def window(self) -> tuple[float, float]:
         """Shortest and longest time in s on which the observations depend."""
 
-    def predict(self, material: Prony, given: Given) -> Floats:
-        """Return the numbers (n,) of all groups, one behind the other."""
+    def predict(self, material: Prony, given: Given, *, is_full: bool = False) -> Floats:
+        """Return the numbers (n,) of all groups, one behind the other; in full by a costlier model, if there is one."""
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return the derivatives by the terms (E_relaxed, E), (n, 1 + term) [per Pa], and by the unknowns, (n,)."""
-
-    def refined(self, material: Prony, given: Given) -> Floats | None:
-        """Return the predictions (n,) of a costlier, fuller model; None where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +84,6 @@ class Evidence:
         """Observed numbers (n,) of all groups."""
         return np.concatenate([g.values for g in self.groups])
 
-    @property
-    def u(self) -> Floats:
-        """Their own standard uncertainties (n,)."""
-        return np.concatenate([g.u for g in self.groups])
-
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
@@ -104,8 +96,7 @@ class LinearModel:
     ``basis`` (n, 1 + term): Prediction per Pa of each term. ``window`` [s]: Shortest and longest time of which the
     numbers depend on. ``shifts``: Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
     ``factors``: Unknowns, 1 at best, by which all numbers are multiplied. ``offsets``: Derivative of the numbers by
-    an unknown, 0 at best, that only adds. ``fuller``: The fuller model of :meth:`Model.refined`: takes material and
-    given.
+    an unknown, 0 at best, that only adds. ``fuller``: Takes material and given.
     """
 
     basis: Floats
@@ -120,9 +111,11 @@ class LinearModel:
         """Shifts, factors and offsets."""
         return (*self.shifts, *self.factors, *self.offsets)
 
-    def predict(self, material: Prony, given: Given) -> Floats:
-        """Return the numbers (n,)."""
+    def predict(self, material: Prony, given: Given, *, is_full: bool = False) -> Floats:
+        """Return the numbers (n,), in full by the fuller model, if there is one."""
         factor, basis, offset = self._parts(given)
+        if is_full and self.fuller is not None:
+            return np.asarray(factor * self.fuller(material, given) + offset)
         return np.asarray(factor * (basis @ np.append(material.E_relaxed, material.E)) + offset)
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
@@ -130,17 +123,8 @@ class LinearModel:
         terms = np.append(material.E_relaxed, material.E)
         factor, basis, _ = self._parts(given)
         others = {name: factor * (shift @ terms) for name, shift in self.shifts.items()}
-        linear = factor * (basis @ terms)
-        others |= {name: linear / given[name] for name in self.factors}
-        others |= dict(self.offsets)
-        return factor * basis, others
-
-    def refined(self, material: Prony, given: Given) -> Floats | None:
-        """Return the fuller model's numbers, if there is one."""
-        if self.fuller is None:
-            return None
-        factor, _, offset = self._parts(given)
-        return np.asarray(factor * self.fuller(material, given) + offset)
+        others |= {name: factor * (basis @ terms) / given[name] for name in self.factors}
+        return factor * basis, others | dict(self.offsets)
 
     @classmethod
     def stacked(cls, parts: Sequence["LinearModel"]) -> "LinearModel":

@@ -10,7 +10,7 @@ until nothing changes any more: the answer is that of the costly model, at a few
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,22 +18,21 @@ from scipy.special import gammaincinv
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification._problem import Corrections, Misfit, Problem, split_by_group
+from labpipe.identification._problem import Misfit, Problem
 from labpipe.identification._tangent import Tangent
 from labpipe.uncertainty import propagated_variance
 
 Misfits = dict[tuple[str, str], Misfit]
 
-_BOUND = 6.0  # standard deviations of the prior: farther out it is not believed
+BOUND = 6.0  # standard deviations of the prior: farther out it is not believed
 _MODULI = tuple(np.logspace(5.0, 11.0, 7).tolist())  # Pa, levels that are tried as starts
-_BETWEEN = 10.0**0.4  # steps between them that are tried next, around the best
-_LOSSES = (0.05, 0.01, 0.25)
+_LOSSES = (0.01, 0.05, 0.25)  # and loss factors
 _STARTS = 2  # of these, from which a fit is made
 _APART = 1.0  # standard coordinates between two starts that count as different
 _FAR = 1e4  # residual of a trial that the model refuses
 _ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a fit ends
 _MOST_STEPS = 25
-_DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e9
+_DAMPING, _WORSE, _BETTER, LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e9
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
 _ROUNDS, _PATIENCE = 12, 6  # of corrections, and before discrepancies are looked for anyway
 _LOOKS = 4  # for discrepancies; they stay after the last one
@@ -49,23 +48,24 @@ _FEWEST_FOR_CORRELATION = 8
 class Fit:
     """The most probable unknowns and how they were found.
 
-    ``xi`` (parameter,): Standard coordinates. ``corrections``: Ratios of the fuller models to the fast ones, there.
+    ``xi`` (parameter,): Standard coordinates. ``corrections`` (n,): Ratios of the fuller models to the fast ones.
     ``misfits``: By names of experiment and group. ``cost``: Half the sum of squares, prior included.
     ``costs_from_starts``: Costs reached from the separate starts, with every number uncertain by another per cent.
     ``evaluations``, ``differentiations``: Times all models were run, and their derivatives. ``is_converged``:
-    Corrections and misfits do not change any more. ``tangent``: Derivatives of the models at ``xi``.
+    Corrections and misfits do not change any more. ``jacobian`` (n, parameter): Derivative of the predictions over
+    their deviations at ``xi``.
     """
 
     problem: Problem
     xi: Floats
-    corrections: Corrections
+    corrections: Floats
     misfits: Misfits
     cost: float
     costs_from_starts: tuple[float, ...]
     evaluations: int
     differentiations: int
     is_converged: bool
-    tangent: Tangent
+    jacobian: Floats
 
 
 def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[str], None] | None = None) -> Fit:
@@ -78,8 +78,8 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
     if not problem.evidence:
         raise InputError("there are no observations: identification needs at least one experiment")
     # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
-    loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
-    objective = Objective(problem, problem.no_corrections(), loose)
+    loose = {(name, group.name): Misfit(_LOOSE) for name, group, _ in problem.groups}
+    objective = Objective(problem, np.ones(problem.observed.size), loose)
     say = progress or (lambda text: None)
     starts, ends = [start] if start is not None else _starts(objective), []
     for number, begin in enumerate(starts):
@@ -87,17 +87,19 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
         ends.append(objective.minimised(begin, _ROUGH))
     xi, costs = min(ends, key=objective.cost), tuple(sorted(objective.cost(end) for end in ends))
     misfits: Misfits = {}
-    is_converged, looks, decrease = False, 0, _ROUGH
+    looks, decrease = 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
         objective.corrections, objective.misfits = problem.corrections(xi), misfits
         before, xi = xi, objective.minimised(xi, decrease)
-        moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
+        jacobian = objective.surrogate(xi).jacobian(xi)
+        covariance = laplace(jacobian)[0]
+        moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(covariance))))
         is_converged = decrease == _EXACT and moved < _SETTLED
         decrease = _EXACT if moved < _NEAR else _ROUGH
         if not is_converged and round_ < _PATIENCE:
             continue  # what corrections still explain is no discrepancy
-        found = objective.new_misfits(xi) if looks < _LOOKS else misfits
+        found = objective.new_misfits(xi, propagated_variance(jacobian, covariance)) if looks < _LOOKS else misfits
         looks += 1
         is_same = found.keys() == misfits.keys() and all(
             abs(m.relative - misfits[key].relative) <= _ALIKE * m.relative for key, m in found.items()
@@ -105,127 +107,79 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
         if is_converged and is_same:
             break
         misfits = found
-    return Fit(
-        problem,
-        xi,
-        objective.corrections,
-        objective.misfits,
-        objective.cost(xi),
-        costs,
-        objective.evaluations,
-        objective.differentiations,
-        is_converged,
-        objective.tangent(xi),
-    )
+    cost, work = objective.cost(xi), (objective.evaluations, objective.differentiations)
+    return Fit(problem, xi, objective.corrections, objective.misfits, cost, costs, *work, is_converged, jacobian)
 
 
 class Objective:
     """Residuals of a problem, divided by their deviations, with the prior as further rows."""
 
-    def __init__(
-        self, problem: Problem, corrections: Corrections, misfits: Misfits, tangent: Tangent | None = None
-    ) -> None:
-        self.problem = problem
-        self.corrections = corrections
-        self.misfits = misfits
+    def __init__(self, problem: Problem, corrections: Floats, misfits: Misfits) -> None:
+        self.problem, self.corrections, self.misfits = problem, corrections, misfits
         self.evaluations = self.differentiations = 0
-        self._last = tangent
-
-    @classmethod
-    def of(cls, found: "Fit") -> "Objective":
-        """Return the objective of a fit."""
-        return cls(found.problem, found.corrections, found.misfits, found.tangent)
+        self._last: Tangent | None = None
 
     def residuals(self, xi: Floats) -> Floats:
         """Return the rows (n + parameter,)."""
         self.evaluations += 1
         try:
-            predicted = self.problem.predictions(xi, self.corrections)
+            missed = self.problem.observed - self.corrections * self.problem.predictions(xi)
         except LabpipeError:
-            return np.concatenate([np.full(self._size, _FAR), xi])
-        missed = np.concatenate([e.values - p for e, p in zip(self.problem.evidence, predicted, strict=True)])
-        return np.concatenate([missed / self.deviations, xi])
+            return np.append(np.full(self.problem.observed.size, _FAR), xi)
+        return np.append(missed / self.deviations, xi)
 
     @property
     def deviations(self) -> Floats:
         """The deviations (n,) of all experiments; those of a misfit go with the values."""
-        groups = [(e.name, g) for e in self.problem.evidence for g in e.groups]
-        return np.concatenate([self.misfits.get((n, g.name), Misfit()).deviation(g, g.values) for n, g in groups])
+        return np.concatenate([self.misfits.get((n, g.name), Misfit()).deviation(g) for n, g, _ in self.problem.groups])
 
-    def data_jacobian(self, xi: Floats) -> Floats:
-        """Return the derivative (n, parameter) of the predictions over their deviations."""
-        return self.surrogate(xi, np.zeros(self._size)).jacobian(xi)
-
-    def tangent(self, xi: Floats) -> Tangent:
-        """Return the derivatives of the models at a point; those of the last point are kept."""
+    def surrogate(self, xi: Floats, rows: Floats | None = None) -> Tangent:
+        """Return the surrogate around a point; derivatives of the last point are kept, as ``rows`` there may be."""
         if self._last is None or not np.array_equal(self._last.at, xi):
             self.differentiations += 1
             self._last = Tangent.of(self.problem, xi)
-        return self._last
-
-    def surrogate(self, xi: Floats, rest: Floats | None = None) -> Tangent:
-        """Return the surrogate around a point, by the models' derivatives and the residuals (n,) there."""
-        factor = np.concatenate(self.corrections) / self.deviations
-        return self.tangent(xi).weighed(factor, self._height(xi)[1] if rest is None else rest)
+        rows, factor = self.residuals(xi) if rows is None else rows, (self.corrections / self.deviations)[:, None]
+        by_terms, by_values = factor * self._last.by_terms, factor * self._last.by_values
+        return replace(self._last, by_terms=by_terms, by_values=by_values, rest=rows[: -xi.size])
 
     def cost(self, xi: Floats) -> float:
         """Return half the sum of squares."""
-        rows = self.residuals(xi)
-        return 0.5 * float(rows @ rows)
+        return 0.5 * float(np.sum(self.residuals(xi) ** 2))
 
     def minimised(self, start: Floats, decrease: float) -> Floats:
-        """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
+        """Return the minimum from a start (parameter,), up to a decrease of the cost that is not worth a step.
 
         Every step goes to the minimum of a surrogate, and is damped where the models do not follow it there.
-
-        ``start`` (parameter,): Standard coordinates. ``decrease``: Of the cost; half a unit is a change of one
-        standard deviation.
         """
-        xi, damping = np.clip(start, -_BOUND, _BOUND), _DAMPING
-        height, rest = self._height(xi)
+        xi, damping = np.clip(start, -BOUND, BOUND), _DAMPING
+        rows = self.residuals(xi)
         for _ in range(_MOST_STEPS):
-            trial, promised = self.surrogate(xi, rest).lowest(damping, _BOUND)
+            trial, promised = self.surrogate(xi, rows).lowest(damping, BOUND)
+            height = 0.5 * float(rows @ rows)
             if height - promised < decrease or damping > _MOST_DAMPING:
                 break
-            new, found = self._height(trial)
-            if new >= height:
+            found = self.residuals(trial)
+            if 0.5 * float(found @ found) >= height:
                 damping *= _WORSE
                 continue
-            xi, rest, height = trial, found, new
-            damping = max(damping * _BETTER, _LEAST_DAMPING)
+            xi, rows, damping = trial, found, max(damping * _BETTER, LEAST_DAMPING)
         return xi
 
-    def _height(self, xi: Floats) -> tuple[float, Floats]:
-        """Return the cost and the residuals (n,) of the data."""
-        rows = self.residuals(xi)
-        return 0.5 * float(rows @ rows), rows[: self._size]
+    def new_misfits(self, xi: Floats, used: Floats) -> Misfits:
+        """Estimate the discrepancy of every group that the stated uncertainties do not explain.
 
-    @property
-    def _size(self) -> int:
-        return sum(e.values.size for e in self.problem.evidence)
-
-    def covariance(self, xi: Floats) -> Floats:
-        """Return the covariance (parameter, parameter) of Laplace's approximation."""
-        return laplace(self.data_jacobian(xi))[0]
-
-    def new_misfits(self, xi: Floats) -> Misfits:
-        """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
-        rows, covariance = self.data_jacobian(xi), self.covariance(xi)
-        predicted = self.problem.predictions(xi, self.corrections)
-        used = propagated_variance(rows, covariance)
+        ``used`` (n,): Share of every number's variance that the fit itself takes.
+        """
+        missed = self.problem.observed - self.corrections * self.problem.predictions(xi)
         found: Misfits = {}
-        first = 0
-        for each, numbers in zip(self.problem.evidence, predicted, strict=True):
-            for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
-                leverage = float(used[first : first + part.size].sum())
-                first += part.size
-                freedom = max(part.size - leverage, 1.0)
-                known = self.misfits.get((each.name, group.name), Misfit())
-                new = _misfit(group.values - part, group.u, np.abs(group.values), freedom)
-                if new is not None:
-                    found[each.name, group.name] = new
-                elif known.relative > 0.0:
-                    found[each.name, group.name] = Misfit(0.5 * known.relative, 0.0)
+        for name, group, place in self.problem.groups:
+            known = self.misfits.get((name, group.name), Misfit())
+            freedom = max(group.values.size - float(used[place].sum()), 1.0)
+            new = _misfit(missed[place], group.u, np.abs(group.values), freedom)
+            if new is not None:
+                found[name, group.name] = new
+            elif known.relative > 0.0:
+                found[name, group.name] = Misfit(0.5 * known.relative, 0.0)
         return found
 
 
@@ -254,9 +208,7 @@ def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | N
     def excess(relative: float) -> float:
         return float(np.sum(rest**2 / (u**2 + (relative * size) ** 2))) - freedom
 
-    highest = 1.0
-    is_beyond = excess(highest) > 0.0
-    relative = highest if is_beyond else float(brentq(excess, 0.0, highest, xtol=1e-9))
+    relative = 1.0 if excess(1.0) > 0.0 else float(brentq(excess, 0.0, 1.0, xtol=1e-9))
     return Misfit(relative, neighbours(rest / np.hypot(u, relative * size)))
 
 
@@ -272,21 +224,12 @@ def neighbours(normalised: Floats) -> float:
 
 def _starts(objective: Objective) -> list[Floats]:
     """Scan moduli and losses, and return the best that lie apart."""
-    problem = objective.problem
-
-    def tried_at(modulus: float, loss: float) -> tuple[float, Floats]:
-        xi = np.zeros(len(problem.parameters))
-        xi[: problem.n_material] = problem.spectrum.start(modulus, loss)
-        return objective.cost(xi), xi
-
-    tried = [tried_at(modulus, _LOSSES[0]) for modulus in _MODULI]
-    best = _MODULI[int(np.argmin([cost for cost, _ in tried]))]
-    tried += [
-        tried_at(modulus, loss)
-        for modulus in (best / _BETWEEN, best, best * _BETWEEN)
-        for loss in _LOSSES
-        if (modulus, loss) != (best, _LOSSES[0])
-    ]
+    problem, tried = objective.problem, []
+    for modulus in _MODULI:
+        for loss in _LOSSES:
+            xi = np.zeros(len(problem.parameters))
+            xi[: problem.n_material] = problem.spectrum.start(modulus, loss)
+            tried.append((objective.cost(xi), xi))
     tried.sort(key=lambda pair: pair[0])
     if tried[0][0] >= 0.5 * _FAR**2:
         raise LabpipeError(
@@ -295,8 +238,6 @@ def _starts(objective: Objective) -> list[Floats]:
         )
     kept: list[Floats] = []
     for _, xi in tried:
-        if all(np.linalg.norm(xi - other) > _APART for other in kept):
+        if len(kept) < _STARTS and all(np.linalg.norm(xi - other) > _APART for other in kept):
             kept.append(xi)
-        if len(kept) == _STARTS:
-            break
     return kept

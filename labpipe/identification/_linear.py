@@ -13,6 +13,7 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Fuller, Group, LinearModel
+from labpipe.materials.spectrum import moduli_of_terms
 
 
 def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float, *, may_recede: bool = False) -> Floats:
@@ -66,22 +67,14 @@ def force_evidence(
     Derivative of the basis by unknowns, such as the zero of depth. ``factors``, ``offsets``: Unknowns that multiply
     every force, or are added to it (gain, punch; tare).
     """
-    model = LinearModel(
-        basis,
-        (float(lag.min()), float(lag.max())),
-        dict(shifts or {}),
-        factors,
-        {o: np.ones(force.size) for o in offsets},
-    )
+    window, added = (float(lag.min()), float(lag.max())), {name: np.ones(force.size) for name in offsets}
+    model = LinearModel(basis, window, dict(shifts or {}), factors, added)
     return Evidence(name, (Group("force", force, u_force, lag, "N", "time since the ramp", "s"),), model)
 
 
-def modulus_basis(omega: Floats, rho: Floats) -> tuple[Floats, Floats]:
-    """Return storage and loss modulus (n, 1 + term) per Pa of each term."""
-    x = omega[:, None] * rho
-    loss = x / (1.0 + x * x)
-    one = np.ones((omega.size, 1))
-    return np.hstack([one, x * loss]), np.hstack([0.0 * one, loss])
+def modulus_basis(omega: Floats, rho: Floats) -> Floats:
+    """Return storage and loss modulus (2, n, 1 + term) per Pa of each term."""
+    return np.roll(moduli_of_terms(np.log(omega), np.log(rho)), 1, axis=1).reshape(2, omega.size, rho.size + 1)
 
 
 def stiffness_evidence(

@@ -9,7 +9,7 @@ of time,
 
 would take next to nothing. A power-law tail, whose decades differ little from each other, shows
 none, however long and however precisely it is recorded. Both quantities are averaged over the structures that
-a spectrum may have (:mod:`.structure`).
+a spectrum may have (:mod:`._model_averaging`).
 """
 
 from dataclasses import dataclass
@@ -29,9 +29,7 @@ PLATEAU = 0.05
 """Share of the modulus that may still relax within thirty years, falling as at the end of the record:
 more would make the number rest on the extrapolation."""
 
-_LEVEL = 0.95
-"""Of the interval."""
-
+_LEVEL = 0.95  # of the interval
 _KNOWN = log(2.0)
 """Half the width of the logarithm's interval within which the modulus at the end is known at all."""
 
@@ -58,16 +56,15 @@ class LongTimeModulus:
 
 def long_time_modulus(known: Posterior) -> LongTimeModulus:
     """Return the limits of the long-time modulus, with an interval of 95 %."""
-    end = max(each.model.window[1] for each in known.fit.problem.evidence)
+    end = known.fit.problem.window[1]
 
     def at_the_end(spectrum: SmoothSpectrum, xi: Floats) -> tuple[Floats, Floats]:
         """Return the logarithms of modulus and fall, with their derivatives."""
-        n = len(spectrum.parameters)
-        terms = np.exp(spectrum.log_terms(xi[:n]))
+        terms, slopes = spectrum.terms(xi)
         left = np.append(1.0, np.exp(-end / spectrum.rho))
         bases = np.array([left, np.append(1.0, np.exp(-0.1 * end / spectrum.rho)) - left])
         values, by_xi = bases @ terms, np.zeros((2, xi.size))
-        by_xi[:, :n] = bases @ (terms[:, None] * spectrum.slopes(xi[:n])) / values[:, None]
+        by_xi[:, : slopes.shape[1]] = bases @ slopes / values[:, None]
         return np.log(values), by_xi
 
     logarithms, deviations = known.averaged(at_the_end)

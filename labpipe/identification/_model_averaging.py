@@ -1,18 +1,12 @@
-r"""How uneven a relaxation spectrum is: inference for several degrees of unevenness, and their average.
+r"""Inference over a smooth and an uneven relaxation spectrum (:mod:`._spectra`), and their average.
 
-Spectra of polymers are smooth: broad dispersions that overlap. Some have a shoulder or a narrow
-peak, or end steeply. How soon a slope may turn limits the moduli between two readings and
-beyond the last one, so that an answer depends on it. Each is a candidate: the smooth spectrum, and an
-uneven one whose slope turns within half a decade. (A series of single terms is neither, and no
-polymer has one; recorded from one, a misfit remains and is said.) Their probability after the data is
-that of Laplace's approximation to the evidence,
+The distance over which a slope may turn limits the moduli between two readings and beyond the last one, so that an
+answer depends on it. A series of single terms is neither, and no polymer has one; recorded from one, a misfit remains.
+The probability of either after the data is that of Laplace's approximation to the evidence,
 
 .. math:: \ln Z = -\tfrac12 |R(\hat\xi)|^2 - \tfrac12 \ln\det(J^\top J + 1),
 
-and a modulus is averaged over both with their posterior probabilities.
-
-A candidate takes the derivatives of the models at one point, about which they are linear in the terms
-(:mod:`._tangent`).
+by the derivatives of the models at one point (:mod:`._tangent`); a modulus is averaged over both.
 
 References
 ----------
@@ -22,13 +16,12 @@ doi:10.1214/ss/1009212519.
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import log
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.identification._evidence import Evidence
-from labpipe.identification._fit import Fit, Objective, fit, laplace
+from labpipe.identification._fit import BOUND, LEAST_DAMPING, Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
 from labpipe.identification._problem import Problem
 from labpipe.identification._spectra import SmoothSpectrum, relaxation_times
@@ -36,11 +29,8 @@ from labpipe.materials import Prony
 
 Rebuilt = Callable[[Floats], tuple[Evidence, ...]]
 
-SMOOTH, UNEVEN = "smooth", "uneven"
-STRUCTURE_PRIORS = {SMOOTH: 0.5, UNEVEN: 0.5}
-"""Probabilities before the data."""
+SMOOTH, UNEVEN = "smooth", "uneven"  # as probable as each other before the data
 _UNEVEN_PER_DECADE, _UNEVEN_TURN = 4, 0.5
-_LEAST_DAMPING, _BOUND = 1e-9, 6.0
 _NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
 
 
@@ -75,23 +65,21 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
     probable one first; those that do not matter are left out.
     """
     problem, n = found.problem, found.problem.n_material
-    windows = [each.model.window for each in problem.evidence]
-    data, nu = (min(w[0] for w in windows), max(w[1] for w in windows)), problem.spectrum.nu
+    data, nu = problem.window, problem.spectrum.nu
     candidates = {
         SMOOTH: SmoothSpectrum(relaxation_times(*data), nu),
         UNEVEN: SmoothSpectrum(relaxation_times(*data, per_decade=_UNEVEN_PER_DECADE), nu, _UNEVEN_TURN),
     }
-    made, logarithms = [], []
+    made = []
     for name, spectrum in candidates.items():
         own = Problem(spectrum, rebuilt(spectrum.rho), problem.nuisances)
-        at = np.append(np.clip(spectrum.coordinates_of(begin), -_BOUND, _BOUND), found.xi[n:])
+        at = np.append(np.clip(spectrum.coordinates_of(begin), -BOUND, BOUND), found.xi[n:])
         surrogate = Objective(own, found.corrections, found.misfits).surrogate(at)
-        lowest, cost = surrogate.lowest(_LEAST_DAMPING, _BOUND)
+        lowest, cost = surrogate.lowest(LEAST_DAMPING, BOUND)
         covariance, size = laplace(surrogate.jacobian(lowest))
-        logarithms.append(log(STRUCTURE_PRIORS[name]) - cost - 0.5 * size)
-        made.append(Structure(name, spectrum, lowest, covariance, 0.0))
-    weights = np.exp(np.array(logarithms) - max(logarithms))
-    weights = np.where(weights < _NEGLIGIBLE * weights.sum(), 0.0, weights)
-    weights /= weights.sum()
-    kept = [replace(one, weight=float(w)) for one, w in zip(made, weights, strict=True) if w > 0.0]
-    return tuple(sorted(kept, key=lambda one: -one.weight))
+        made.append(Structure(name, spectrum, lowest, covariance, -cost - 0.5 * size))
+    made.sort(key=lambda one: -one.weight)
+    weights = np.exp([one.weight - made[0].weight for one in made])
+    weights[weights < _NEGLIGIBLE * weights.sum()] = 0.0
+    shares = (weights / weights.sum()).tolist()
+    return tuple(replace(one, weight=share) for one, share in zip(made, shares, strict=True) if share > 0.0)

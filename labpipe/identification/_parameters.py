@@ -7,7 +7,7 @@ the data know of a combination than the prior does.
 """
 
 from dataclasses import dataclass
-from math import exp, isfinite, log
+from math import exp, isfinite
 
 from labpipe.errors import InputError
 
@@ -51,17 +51,3 @@ class Parameter:
     def slope(self, xi: float) -> float:
         """Return the derivative of the value by the standard coordinate."""
         return self.sd * self.value(xi) if self.is_log else self.sd
-
-    def coordinate(self, value: float) -> float:
-        """Return the standard coordinate of a value.
-
-        Raises
-        ------
-        InputError
-            A logarithmic parameter cannot have this value.
-        """
-        if not self.is_log:
-            return (value - self.mean) / self.sd
-        if not value > 0.0:
-            raise InputError(f"{self.name} = {value} {self.unit}: expected a positive value")
-        return (log(value) - self.mean) / self.sd

@@ -9,15 +9,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 from scipy.special import ndtr, ndtri
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.identification._evidence import Group
-from labpipe.identification._fit import Fit, Objective, laplace
+from labpipe.identification._fit import Fit, laplace
 from labpipe.identification._linear import modulus_basis
-from labpipe.identification._problem import Misfit, split_by_group
+from labpipe.identification._problem import Misfit
 from labpipe.identification._spectra import SmoothSpectrum
 from labpipe.uncertainty import propagated_u
+from labpipe.variables import variable
 
 _DRAWS = 1000  # of the prior
 _SEED = 20  # fixed: the same answer every time
@@ -45,13 +47,11 @@ class Posterior:
     """Laplace's approximation around a fit.
 
     ``covariance`` (parameter, parameter): Of the standard coordinates; the prior's is the unit matrix.
-    ``sensitivity`` (n, parameter): Derivative of the predictions over their deviations. ``structures``: Candidates for
-    the structure of the spectrum, where they were weighed.
+    ``structures``: Candidates for the structure of the spectrum, where they were weighed.
     """
 
     fit: Fit
     covariance: Floats
-    sensitivity: Floats
     structures: tuple[Structure, ...] = ()
 
     @property
@@ -86,86 +86,51 @@ Stated = Callable[[SmoothSpectrum, Floats], tuple[Floats, Floats]]
 
 def posterior(found: Fit) -> Posterior:
     """Approximate the posterior about a fit."""
-    rows = Objective.of(found).data_jacobian(found.xi)
-    return Posterior(found, laplace(rows)[0], rows)
+    return Posterior(found, laplace(found.jacobian)[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Moduli:
-    """Storage modulus and loss factor over frequency, before and after.
+def moduli(known: Posterior, frequency: Floats) -> xr.Dataset:
+    """Return storage modulus and loss factor at frequencies (n,) [Hz] with their uncertainties, before and after.
 
-    ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
-    ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``prior_ln_storage``,
-    ``prior_ln_loss_factor`` (n,): Those of the prior. ``data`` [Hz]: Lowest and highest frequency that the observations
-    cover.
-    """
-
-    frequency: Floats
-    storage: Floats
-    loss_factor: Floats
-    u_ln_storage: Floats
-    u_ln_loss_factor: Floats
-    prior_ln_storage: Floats
-    prior_ln_loss_factor: Floats
-    data: tuple[float, float]
-
-    @property
-    def is_determined(self) -> Flags:
-        """Where the data at least halve both standard deviations, inside their own range.
-
-        Beyond it everything is extrapolation: a spectrum that the prior holds for likely.
-        """
-        storage = self.u_ln_storage < DETERMINED * self.prior_ln_storage
-        loss = self.u_ln_loss_factor < DETERMINED * self.prior_ln_loss_factor
-        is_inside = (self.frequency >= self.data[0]) & (self.frequency <= self.data[1])
-        return np.asarray(storage & loss & is_inside)
-
-
-def moduli(known: Posterior, frequency: Floats) -> Moduli:
-    """Return storage modulus and loss factor with their uncertainties.
-
-    Where structures were weighed, mean and standard deviation of the logarithms over all of them.
-
-    ``frequency`` (n,) [Hz].
+    Over ``frequency``: ``storage`` [Pa] and ``loss_factor``, most probable; ``u_ln_storage`` and ``u_ln_loss_factor``,
+    standard deviations of their natural logarithms, over all structures where several were weighed;
+    ``prior_ln_storage`` and ``prior_ln_loss_factor``, those of the prior; ``is_determined``, 1 where the data at least
+    halve both, inside their own range. Beyond it everything is extrapolation: a spectrum that the prior holds for
+    likely.
     """
     problem, omega = known.fit.problem, 2.0 * np.pi * frequency
-    logarithms, u = known.averaged(lambda spectrum, at: ln_moduli(spectrum, at, omega))
+    logarithms, u = (np.split(part, 2) for part in known.averaged(lambda of, at: ln_moduli(of, at, omega)))
     # Of the prior, half the width of the central 68 %, from draws that are the same every time.
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, problem.n_material))
-    terms = np.exp([problem.spectrum.log_terms(one) for one in draws])
+    terms = np.array([problem.spectrum.terms(one)[0] for one in draws])
     storage, loss = (terms @ basis.T for basis in modulus_basis(omega, problem.spectrum.rho))
-    ends = (np.quantile(np.log(values), ndtr([-1.0, 1.0]), axis=0) for values in (storage, loss / storage))
-    prior = [0.5 * (high - low) for low, high in ends]
-    half = frequency.size
-    return Moduli(
-        frequency,
-        np.exp(logarithms[:half]),
-        np.exp(logarithms[half:]),
-        u[:half],
-        u[half:],
-        prior[0],
-        prior[1],
-        informative_range(known),
-    )
+    low, high = informative_range(known)
+    made, is_determined = {}, (frequency >= low) & (frequency <= high)
+    kinds = ("storage", "Pa", "storage modulus"), ("loss_factor", "1", "loss factor")
+    for (name, units, text), value, sd, drawn in zip(kinds, logarithms, u, (storage, loss / storage), strict=True):
+        before = 0.5 * np.diff(np.quantile(np.log(drawn), ndtr([-1.0, 1.0]), axis=0), axis=0)[0]
+        is_determined &= sd < DETERMINED * before
+        made[name] = variable("frequency", np.exp(value), units, text)
+        made[f"u_ln_{name}"] = variable("frequency", sd, "1", "standard deviation of its logarithm")
+        made[f"prior_ln_{name}"] = variable("frequency", before, "1", "the same, of the prior")
+    made["is_determined"] = variable("frequency", is_determined.astype(np.int8), "1", "1 where determined")
+    return xr.Dataset(made, coords={"frequency": variable("frequency", frequency, "Hz", "frequency")})
 
 
 def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
-    n = len(spectrum.parameters)
-    terms = np.exp(spectrum.log_terms(xi[:n]))
-    slopes = terms[:, None] * spectrum.slopes(xi[:n])
+    terms, by_xi = spectrum.terms(xi)
     bases = modulus_basis(omega, spectrum.rho)
-    storage, loss = (basis @ terms for basis in bases)
-    by_storage, by_loss = (basis @ slopes / (basis @ terms)[:, None] for basis in bases)
-    by_xi = np.zeros((2 * omega.size, xi.size))
-    by_xi[:, :n] = np.vstack([by_storage, by_loss - by_storage])
-    return np.log(np.concatenate([storage, loss / storage])), by_xi
+    storage, loss = bases @ terms
+    by_storage, by_loss = bases @ by_xi / np.array([storage, loss])[..., None]
+    slopes = np.zeros((2 * omega.size, xi.size))
+    slopes[:, : by_xi.shape[1]] = np.vstack([by_storage, by_loss - by_storage])
+    return np.log(np.concatenate([storage, loss / storage])), slopes
 
 
 def informative_range(known: Posterior) -> tuple[float, float]:
     """Return the lowest and highest frequency in Hz that the observations cover."""
-    windows = [each.model.window for each in known.fit.problem.evidence]
-    longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
+    shortest, longest = known.fit.problem.window
     return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
 
 
@@ -184,25 +149,16 @@ class Band:
     residual: Floats
     misfit: Misfit
 
-    @property
-    def chi_square(self) -> float:
-        """Of the residuals over the stated uncertainties alone."""
-        return float(np.sum(((self.group.values - self.predicted) / self.group.u) ** 2))
-
 
 def predictive_bands(known: Posterior) -> tuple[Band, ...]:
     """Return the predictions of the identified material for every group, with their bands."""
     found = known.fit
-    problem = found.problem
-    predicted = problem.predictions(found.xi, found.corrections)
-    u = propagated_u(known.sensitivity, known.covariance)
-    made, first = [], 0
-    for each, numbers in zip(problem.evidence, predicted, strict=True):
-        for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
-            misfit = found.misfits.get((each.name, group.name), Misfit())
-            deviation = misfit.deviation(group, group.values)
-            own = u[first : first + part.size] * deviation
-            first += part.size
-            rest = (group.values - part) / deviation
-            made.append(Band(each.name, group, part, own, rest, misfit))
+    predicted = found.corrections * found.problem.predictions(found.xi)
+    u = propagated_u(found.jacobian, known.covariance)
+    made = []
+    for name, group, place in found.problem.groups:
+        misfit = found.misfits.get((name, group.name), Misfit())
+        deviation = misfit.deviation(group)
+        rest = (group.values - predicted[place]) / deviation
+        made.append(Band(name, group, predicted[place], u[place] * deviation, rest, misfit))
     return tuple(made)

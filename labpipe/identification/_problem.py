@@ -1,6 +1,7 @@
 """The inverse problem: one material, its experiments, and their nuisance parameters."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -8,26 +9,24 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Group
 from labpipe.identification._parameters import Parameter
-from labpipe.identification._spectra import SmoothSpectrum, material
+from labpipe.identification._spectra import SmoothSpectrum
 from labpipe.materials import Prony
-
-Corrections = tuple[Floats, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
     """Discrepancy of a group's residuals beyond its stated uncertainties.
 
-    ``relative``: Model discrepancy: a further standard deviation, relative to the prediction. ``correlation``: Of
+    ``relative``: Model discrepancy: a further standard deviation, relative to the values. ``correlation``: Of
     neighbouring residuals, 0 to 1; it widens every deviation of the group.
     """
 
     relative: float = 0.0
     correlation: float = 0.0
 
-    def deviation(self, group: Group, predicted: Floats) -> Floats:
+    def deviation(self, group: Group) -> Floats:
         """Return the standard deviation (n,) by which residuals are divided."""
-        widened = np.hypot(group.u, self.relative * np.abs(predicted))
+        widened = np.hypot(group.u, self.relative * np.abs(group.values))
         return np.asarray(widened * np.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)))
 
 
@@ -59,49 +58,44 @@ class Problem:
         return (*self.spectrum.parameters, *self.nuisances)
 
     @property
+    def window(self) -> tuple[float, float]:
+        """Shortest and longest time [s] that the observations cover."""
+        windows = [each.model.window for each in self.evidence]
+        return min(shortest for shortest, _ in windows), max(longest for _, longest in windows)
+
+    @property
     def n_material(self) -> int:
         """How many unknowns the material has."""
         return len(self.spectrum.parameters)
 
-    def nuisance_values(self, xi: Floats) -> dict[str, float]:
+    def values(self, xi: Floats) -> dict[str, float]:
         """Return the nuisances' values at standard coordinates (parameter,)."""
         own = xi[self.n_material :].tolist()
         return {p.name: p.value(x) for p, x in zip(self.nuisances, own, strict=True)}
 
     def material(self, xi: Floats) -> Prony:
         """Return the material at standard coordinates (parameter,)."""
-        return material(self.spectrum, self.spectrum.log_terms(xi[: self.n_material]))
+        relaxed, *weights = self.spectrum.terms(xi)[0]
+        return Prony(float(relaxed), np.array(weights), self.spectrum.rho, nu=self.spectrum.nu)
 
-    def only(self, *, prior: bool) -> "Problem":
-        """Return the same problem with the evidence known beforehand alone, or without it."""
-        kept = tuple(e for e in self.evidence if e.is_prior == prior)
-        return replace(self, evidence=kept)
+    @cached_property
+    def groups(self) -> tuple[tuple[str, Group, slice], ...]:
+        """Name of the experiment, and place among the numbers of all experiments, of every group of observations."""
+        named = [(e.name, group) for e in self.evidence for group in e.groups]
+        ends = np.cumsum([group.values.size for _, group in named]).tolist()
+        return tuple((name, g, slice(end - g.values.size, end)) for (name, g), end in zip(named, ends, strict=True))
 
-    def no_corrections(self) -> Corrections:
-        """Return that every fast model is taken as it is."""
-        return tuple(np.ones(e.values.size) for e in self.evidence)
+    @cached_property
+    def observed(self) -> Floats:
+        """The numbers (n,) of all experiments."""
+        return np.concatenate([group.values for _, group, _ in self.groups])
 
-    def corrections(self, xi: Floats) -> Corrections:
+    def corrections(self, xi: Floats) -> Floats:
         """Return ratios (n,) of the fuller models to the fast ones; 1 where there is none."""
-        solid, given = self.material(xi), self.nuisance_values(xi)
-        made = []
-        for each in self.evidence:
-            fuller, ratio = each.model.refined(solid, given), np.ones(each.values.size)
-            if fuller is not None:
-                fast = each.model.predict(solid, given)
-                np.divide(fuller, fast, out=ratio, where=(fast != 0.0) & (fuller != 0.0))
-            made.append(ratio)
-        return tuple(made)
+        full, fast = (self.predictions(xi, is_full=is_full) for is_full in (True, False))
+        return np.divide(full, fast, out=np.ones(fast.size), where=(fast != 0.0) & (full != 0.0))
 
-    def predictions(self, xi: Floats, corrections: Corrections) -> list[Floats]:
-        """Return the numbers (n,) of every experiment."""
-        solid, given = self.material(xi), self.nuisance_values(xi)
-        return [
-            ratio * each.model.predict(solid, given) for each, ratio in zip(self.evidence, corrections, strict=True)
-        ]
-
-
-def split_by_group(evidence: Evidence, numbers: Floats) -> list[Floats]:
-    """Cut the numbers of an experiment into those of its groups (along the first axis)."""
-    ends = np.cumsum([g.values.size for g in evidence.groups])
-    return list(np.split(numbers, ends[:-1]))
+    def predictions(self, xi: Floats, *, is_full: bool = False) -> Floats:
+        """Return the predictions (n,) of all numbers, in full by the fuller models."""
+        solid, given = self.material(xi), self.values(xi)
+        return np.concatenate([each.model.predict(solid, given, is_full=is_full) for each in self.evidence])

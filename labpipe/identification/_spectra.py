@@ -12,7 +12,7 @@ uncertain as they are. Level and long-time modulus are known within a factor of 
 polymer's. Nothing else is assumed; where data are silent the answer is the prior.
 
 Uneven spectrum. The same with slopes that turn within half a decade: a shoulder or a narrow peak,
-as the steep ends of Havriliak and Negami's dispersions are (:mod:`.structure` asks whether the
+as the steep ends of Havriliak and Negami's dispersions are (:mod:`._model_averaging` tests if the
 data show any).
 
 References
@@ -24,6 +24,7 @@ doi:10.1007/978-3-642-73602-5.
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count, pairwise
 from math import ceil, log, log10
 
 import numpy as np
@@ -33,9 +34,7 @@ from labpipe.errors import InputError
 from labpipe.identification._parameters import Parameter
 from labpipe.materials import Prony
 
-_POLYMER = log(1e8)
-_WIDE = log(100.0)
-"""A polymer's modulus lies between a rubber's and a glass's: 1e8 Pa within a factor of 100."""
+_POLYMER, _WIDE = log(1e8), log(100.0)  # a polymer's modulus lies between a rubber's and a glass's, within this factor
 
 _PER_DECADE = 0.5 * log(10.0)
 """Standard deviation of the change of a spectrum from one decade to the next: in logarithmic
@@ -44,7 +43,7 @@ coordinates the flanks of spectra are seldom steeper than one to one, which make
 _TURN = 2.0
 """Decades within which the slope of a smooth spectrum forgets itself."""
 
-_FINE, _COARSE = 2, 1  # terms per decade where data are, and where only the prior speaks
+_FINE = 2  # terms per decade where data are; where only the prior speaks there is one
 _MARGIN = 10.0  # the fine grid goes a decade beyond the data
 _QUICKER = 2
 """Decades below the fine grid, one term each: a spectrum that rises towards a glass transition
@@ -54,27 +53,19 @@ HORIZON = 1e9
 """s; "relaxed" is what is left after thirty years, not after a record."""
 
 
-def material(spectrum: "SmoothSpectrum", log_terms: Floats) -> Prony:
-    """Return the Prony series of logarithmic terms (1 + term,)."""
-    terms = np.exp(log_terms)
-    return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
-
-
-def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, per_decade: int = _FINE) -> Floats:
+def relaxation_times(shortest: float, longest: float, per_decade: int = _FINE) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
-    ``shortest``, ``longest`` [s]: Shortest and longest time that the data cover. ``horizon`` [s]: Slower
-    terms count as relaxed. ``per_decade``: Through the data and a decade beyond them. Returns (term,) [s]: In addition
-    one per decade: two decades more towards short times, and on to the horizon. Raises InputError: The times
-    are not positive or not in order.
+    ``shortest``, ``longest`` [s]: Shortest and longest time that the data cover. ``per_decade``: Through the
+    data and a decade beyond them. Returns (term,) [s]: In addition one per decade: two decades more towards short
+    times, and on to :data:`HORIZON`. Raises InputError: The times are not positive or not in order.
     """
     if not 0.0 < shortest <= longest < np.inf:
         raise InputError(f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest")
     low, high = log10(shortest / _MARGIN), log10(longest * _MARGIN)
     fine = low + np.arange(ceil((high - low) * per_decade) + 1) / per_decade
-    last = max(log10(horizon), fine[-1])
-    quick = fine[0] - np.arange(_QUICKER, 0, -1) / _COARSE
-    slow = fine[-1] + np.arange(1, ceil((last - fine[-1]) * _COARSE) + 1) / _COARSE
+    quick = fine[0] - np.arange(_QUICKER, 0, -1)
+    slow = fine[-1] + np.arange(1, ceil(max(log10(HORIZON) - fine[-1], 0.0)) + 1)
     return np.asarray(10.0 ** np.concatenate([quick, fine, slow]))
 
 
@@ -101,52 +92,39 @@ class SmoothSpectrum:
             raise InputError("a spectrum needs at least two relaxation times, positive and ascending")
 
     @cached_property
-    def _widths(self) -> Floats:
-        """Decades that belong to each term."""
-        return np.asarray(np.gradient(np.log10(self.rho)))
-
-    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Long-time modulus, level of the spectrum in its middle, and its changes."""
-        middle = self.rho.size // 2
-        level = Parameter(
-            "level", _POLYMER - log(10.0), _WIDE, "Pa", f"weight per decade at {self.rho[middle]:.2g} s", is_log=True
+        rho, sds = self.rho.tolist(), np.diag(self._root).tolist()
+        level = f"weight per decade at {rho[len(rho) // 2]:.2g} s"
+        texts = [f"ln change, {a:.2g} to {b:.2g} s, independent of the previous changes" for a, b in pairwise(rho)]
+        return (
+            Parameter("E_relaxed", _POLYMER, _WIDE, "Pa", "long-time modulus", is_log=True),
+            Parameter("level", _POLYMER - log(10.0), _WIDE, "Pa", level, is_log=True),
+            *(Parameter(f"change {i}", 0.0, sd, "1", text) for i, sd, text in zip(count(1), sds, texts, strict=False)),
         )
-        changes = [
-            Parameter(
-                f"change {i + 1}",
-                0.0,
-                sd,
-                "1",
-                f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s, that "
-                f"is independent of the previous changes",
-            )
-            for i, sd in enumerate(np.diag(self._root).tolist())
-        ]
-        relaxed = Parameter("E_relaxed", _POLYMER, _WIDE, "Pa", "long-time modulus", is_log=True)
-        return (relaxed, level, *changes)
 
-    def log_terms(self, xi: Floats) -> Floats:
-        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
-        terms = self._walk @ self._prior[0] + self._by_xi @ xi
-        terms[1:] += np.log(self._widths)
-        return np.asarray(terms)
+    def terms(self, xi: Floats) -> tuple[Floats, Floats]:
+        """Return (E_relaxed, E_1, ..., E_n) [Pa] at standard coordinates, nuisances last, and their derivative.
+
+        The derivative (1 + term, parameter) is by the coordinates of the material.
+        """
+        at, by_xi = self._logarithms
+        terms = np.exp(at + by_xi @ xi[: by_xi.shape[1]])
+        return terms, terms[:, None] * by_xi
 
     @cached_property
-    def _prior(self) -> tuple[Floats, Floats]:
-        return np.array([p.mean for p in self.parameters]), np.array([p.sd for p in self.parameters])
-
-    def slopes(self, xi: Floats) -> Floats:
-        """Return the derivative (1 + term, parameter); the map is linear."""
-        del xi
-        return self._by_xi
-
-    @cached_property
-    def _by_xi(self) -> Floats:
-        """From standard coordinates to the logarithms (1 + term, parameter)."""
-        mixed = np.diag(self._prior[1])
+    def _logarithms(self) -> tuple[Floats, Floats]:
+        """Logarithms of the terms at zero (1 + term,), and their constant derivative (1 + term, parameter)."""
+        n, middle = self.rho.size, self.rho.size // 2
+        # From E_relaxed, level and changes to the logarithms: sums away from the middle.
+        walk, change = np.zeros((n + 1, n + 1)), np.arange(n - 1)
+        walk[0, 0] = walk[1:, 1] = 1.0
+        walk[1:, 2:] = 1.0 * (np.arange(n)[:, None] > change) - (change < middle)
+        mixed = np.diag([p.sd for p in self.parameters])
         mixed[2:, 2:] = self._root
-        return np.asarray(self._walk @ mixed)
+        at = walk @ np.array([p.mean for p in self.parameters])
+        at[1:] += np.log(np.gradient(np.log10(self.rho)))  # decades that belong to each term
+        return at, walk @ mixed
 
     @cached_property
     def _root(self) -> Floats:
@@ -160,38 +138,23 @@ class SmoothSpectrum:
         scale = _PER_DECADE / np.sqrt(_variance(np.array(1.0 / self.turn)))
         return np.asarray(scale * np.linalg.cholesky(covariance))
 
-    @cached_property
-    def _walk(self) -> Floats:
-        """From E_relaxed, level and changes to the logarithms: sums away from the middle."""
-        n, middle = self.rho.size, self.rho.size // 2
-        walk = np.zeros((n + 1, n + 1))
-        walk[0, 0] = 1.0
-        walk[1:, 1] = 1.0
-        for i in range(n - 1):
-            if i >= middle:
-                walk[i + 2 :, i + 2] = 1.0
-            else:
-                walk[1 : i + 2, i + 2] = -1.0
-        return walk
-
     def start(self, modulus: float, loss: float) -> Floats:
         """Return a flat spectrum: the weight of a decade is 1.5 times loss factor and modulus.
 
         A constant weight H per ln(rho) has a loss modulus of pi H/2.
         """
-        parameters = self.parameters
-        xi = np.zeros(len(parameters))
-        xi[0] = parameters[0].coordinate(modulus)
-        xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
+        flat = np.log([modulus, 2.0 / np.pi * log(10.0) * loss * modulus])
+        xi = np.zeros(len(self.parameters))
+        xi[:2] = [(value - p.mean) / p.sd for value, p in zip(flat, self.parameters, strict=False)]
         return xi
 
     def coordinates_of(self, solid: Prony) -> Floats:
         """Return coordinates of a spectrum that goes as that of another series does."""
-        weight = np.log(np.maximum(solid.E, _LEAST)) - np.log(np.gradient(np.log10(solid.rho)))
-        own = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(self._widths)
-        terms = np.concatenate([[log(solid.E_relaxed)], own])
-        here = self.log_terms(np.zeros(len(self.parameters)))
-        return np.asarray(np.linalg.solve(self._by_xi, terms - here))
+        decades, own = (np.gradient(np.log10(rho)) for rho in (solid.rho, self.rho))
+        weight = np.log(np.maximum(solid.E, _LEAST) / decades)
+        terms = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(own)
+        at, by_xi = self._logarithms
+        return np.asarray(np.linalg.solve(by_xi, np.append(log(solid.E_relaxed), terms) - at))
 
 
 def _variance(lasting: Floats) -> Floats:

@@ -7,7 +7,7 @@ tangent holds far along the valleys that the data leave open, where a linear ste
 logarithms would end after a factor of two.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,7 +24,7 @@ class Tangent:
 
     ``at`` (parameter,): Standard coordinates of the point. ``by_terms`` (n, 1 + term), ``by_values`` (n, nuisance):
     Derivatives of the fast models of all experiments, one below the other, per Pa and by the nuisances in their
-    units. ``rest`` (n,): Residuals of the data there.
+    units; in a fit, over the deviations. ``rest`` (n,): Residuals of the data there.
     """
 
     problem: Problem
@@ -36,7 +36,7 @@ class Tangent:
     @classmethod
     def of(cls, problem: Problem, xi: Floats) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
-        solid, given = problem.material(xi), problem.nuisance_values(xi)
+        solid, given = problem.material(xi), problem.values(xi)
         by_terms, by_values = [], []
         for each in problem.evidence:
             by_term, others = each.model.derivatives(solid, given)
@@ -45,24 +45,10 @@ class Tangent:
             by_values.append(np.array([others.get(p.name, none) for p in problem.nuisances]).reshape(-1, none.size).T)
         return cls(problem, xi, np.vstack(by_terms), np.vstack(by_values), np.zeros(0))
 
-    def weighed(self, factor: Floats, rest: Floats) -> "Tangent":
-        """Return the same in units of the deviations: a factor (n,) for all derivatives, and the residuals there."""
-        by_terms, by_values = factor[:, None] * self.by_terms, factor[:, None] * self.by_values
-        return replace(self, by_terms=by_terms, by_values=by_values, rest=rest)
-
-    def rows(self, xi: Floats) -> tuple[Floats, Floats]:
-        """Return residuals (n,) of the data at a point, and their derivative (n, parameter)."""
-        terms, start = self.terms(xi), self.terms(self.at)
-        values, first = self.values(xi), self.values(self.at)
-        moved = self.by_terms @ (terms - start) + self.by_values @ (values - first)
-        return self.rest - moved, -self.jacobian(xi)
-
     def jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations."""
-        n = self.problem.n_material
-        slopes = self.terms(xi)[:, None] * self.problem.spectrum.slopes(xi[:n])
-        own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[n:].tolist(), strict=True)]
-        return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
+        own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[self.problem.n_material :].tolist(), strict=True)]
+        return np.hstack([self.by_terms @ self.problem.spectrum.terms(xi)[1], self.by_values * np.array(own)])
 
     def lowest(self, damping: float, bound: float) -> tuple[Floats, float]:
         """Return the place of the least cost, and that cost.
@@ -71,8 +57,14 @@ class Tangent:
         """
         unit, root = np.eye(self.at.size), np.sqrt(damping)
 
+        def predicted(xi: Floats) -> Floats:
+            values = np.array(list(self.problem.values(xi).values()))
+            return np.asarray(self.by_terms @ self.problem.spectrum.terms(xi)[0] + self.by_values @ values)
+
+        start = predicted(self.at) + self.rest
+
         def residual(xi: Floats) -> Floats:
-            return np.concatenate([self.rows(xi)[0], xi, root * (xi - self.at)])
+            return np.concatenate([start - predicted(xi), xi, root * (xi - self.at)])
 
         def slopes(xi: Floats) -> Floats:
             return np.vstack([-self.jacobian(xi), unit, root * unit])
@@ -81,11 +73,3 @@ class Tangent:
         found = least_squares(residual, self.at, slopes, bounds=(-bound, bound), method="dogbox", max_nfev=_MOST_STEPS)
         way = found.x - self.at
         return found.x, float(found.cost - 0.5 * damping * way @ way)
-
-    def terms(self, xi: Floats) -> Floats:
-        """Return (E_relaxed, E) in Pa (1 + term,) at a point."""
-        return np.exp(self.problem.spectrum.log_terms(xi[: self.problem.n_material]))
-
-    def values(self, xi: Floats) -> Floats:
-        """Return the nuisances (nuisance,) in their units at a point."""
-        return np.array(list(self.problem.nuisance_values(xi).values()))

@@ -1,4 +1,8 @@
-"""Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
+"""Linear viscoelastic materials: Prony series, interconversion, master curves, library.
+
+Relaxation and creep tests as sweeps, the uncertainty of a master curve as solids for predictions, and the input of
+four simulation codes need the lines beyond the budget of this room.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -27,30 +31,23 @@ if TYPE_CHECKING:
         Thermal as Thermal,
         describe as describe,
         load as load,
-        read_material as read_material,
         solid as solid,
         thermal as thermal,
     )
     from labpipe.materials.prony import (
         Prony as Prony,
-        Relaxation as Relaxation,
         Retardation as Retardation,
-        creep_from_relaxation as creep_from_relaxation,
-        maxwell as maxwell,
         relaxation_from_creep as relaxation_from_creep,
-        standard_linear_solid as standard_linear_solid,
     )
     from labpipe.materials.spectrum import KramersKronig as KramersKronig, kramers_kronig as kramers_kronig
     from labpipe.materials.superposition import (
         MasterCurve as MasterCurve,
-        TableRun as TableRun,
-        UncertainSpectrum as UncertainSpectrum,
         gather_sweeps as gather_sweeps,
         isothermal_runs as isothermal_runs,
         loading_of as loading_of,
         master_curve as master_curve,
         modulus_factor as modulus_factor,
-        trusted_tables as trusted_tables,
+        trusted_rows as trusted_rows,
         uncertain_spectra as uncertain_spectra,
     )
 else:

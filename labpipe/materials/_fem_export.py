@@ -43,6 +43,7 @@ CODES: dict[str, str] = {"abaqus": ".inp", "ansys": ".mac", "comsol": ".txt", "l
 """The codes, and the suffixes of their files."""
 
 _SMALLEST = 1e-12  # long-time over instantaneous modulus that is left of 1 - sum in double precision
+_TOLERANCE = 0.01  # root-mean-square relative error that the reduction of terms may cost
 _OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which the long-time modulus may be wrong by
 _WIDTH = 74  # of a line of remarks; LS-DYNA reads 80 characters
 _MOST_TERMS = 17  # LS-DYNA reads 18, of which one is the long-time modulus
@@ -100,7 +101,6 @@ def make_deck(
     b_T: Sequence[float] | Floats = (),
     bulk: Bulk | None = None,
     measured: Literal["tension", "shear"] = "tension",
-    tolerance: float = 0.01,
 ) -> Deck:
     """Reduce a material to the input of simulation codes.
 
@@ -125,8 +125,6 @@ def make_deck(
         material incompressible.
     measured : {"tension", "shear"}
         The modulus that was measured; it is the one that stays as it is.
-    tolerance : float
-        Root-mean-square relative error that the reduction of terms may cost.
 
     Raises
     ------
@@ -142,13 +140,13 @@ def make_deck(
     if not np.isfinite(material.E_unrelaxed):
         raise InputError("the material has no finite instantaneous modulus (a dashpot in parallel); codes need one")
     chosen: Bulk = bulk or ("incompressible" if material.nu == 0.5 else "relaxing")
-    few, error, looser = *fewest_terms(material, *window, tolerance), tolerance
-    while few.E.size > _MOST_TERMS and looser < 1.0:
-        looser *= 1.5
-        few, error = fewest_terms(material, *window, looser)
+    few, error, tolerance = *fewest_terms(material, *window, _TOLERANCE), _TOLERANCE
+    while few.E.size > _MOST_TERMS and tolerance < 1.0:
+        tolerance *= 1.5
+        few, error = fewest_terms(material, *window, tolerance)
     # The shares of a liquid's terms too must add up to less than one.
     ends = few.complex_modulus(2.0 * np.pi * np.asarray(window)).real
-    rest = max(_OF_TOLERANCE * tolerance * float(ends[0]), _SMALLEST * few.E_unrelaxed)
+    rest = max(_OF_TOLERANCE * _TOLERANCE * float(ends[0]), _SMALLEST * few.E_unrelaxed)
     is_raised = few.E_relaxed < rest
     few = Prony(max(few.E_relaxed, rest), few.E, few.rho, few.nu)
     nu = 0.5 if chosen == "incompressible" else few.nu
@@ -190,7 +188,7 @@ def make_deck(
             ("instantaneous", few.E_unrelaxed, "upper", window[1], float(ends[1])),
             ("long-time", few.E_relaxed, "lower", window[0], float(ends[0])),
         )
-        if abs(modulus - storage) > tolerance * storage
+        if abs(modulus - storage) > _TOLERANCE * storage
     ]
     # Their sum stays below one: the long-time modulus is larger than what rounding to 14 digits may add.
     shares = np.array([float(f"{share:.14g}") for share in shear.E / shear.E_unrelaxed])
@@ -200,18 +198,15 @@ def make_deck(
     )  # fmt: skip
 
 
-def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: float = 0.01) -> tuple[Prony, float]:
+def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: float) -> tuple[Prony, float]:
     """Return a series with the fewest equally spaced terms that keeps both moduli, and its error.
 
     Times are spaced evenly in their logarithm over the window [Hz] and their weights solve a non-negative least-squares
     problem of relative errors; the number of terms rises until the larger root-mean-square error of storage and loss is
     below the tolerance. The given material and zero where no shorter series serves.
     """
-    if not (0 < lowest < highest < np.inf and tolerance > 0):
-        raise InputError(
-            f"window {lowest:g} to {highest:g} Hz, tolerance {tolerance:g}: expected a positive "
-            "window, lowest first, and a positive tolerance"
-        )
+    if not 0 < lowest < highest < np.inf:
+        raise InputError(f"window {lowest:g} to {highest:g} Hz: expected a positive window, lowest first")
     count = max(int(np.log10(highest / lowest) * _POINTS_PER_DECADE), 2)
     omega = 2.0 * np.pi * np.geomspace(lowest, highest, count)
     exact = material.complex_modulus(omega)

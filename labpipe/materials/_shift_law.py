@@ -184,7 +184,7 @@ def law_slopes(name: LawName, parameters: tuple[float, ...] | Floats, temperatur
 
 
 def shift_at(law: ShiftLaw, temperature: Floats, log10_aT: Floats, where: float) -> float:
-    """Return log10 a_T at any temperature: the law, and what the shifts deviate from it there.
+    """Return log10 a_T at any temperature: the law, and the deviation of the shifts there.
 
     Parameters
     ----------

@@ -18,7 +18,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
 from labpipe.materials.spectrum import TERMS_PER_DECADE, compress, second_differences, solve_by_cross_validation
@@ -29,19 +28,7 @@ _WITHIN = 0.5  # decades inside the measured times at either end, where a freque
 _MARGIN = 1.5  # decades of terms beyond the measured times
 _PER_DECADE = 5  # frequencies, on a grid that all temperatures share
 _ONE_TEMPERATURE = 1.5  # K between neighbouring readings of one test
-_SWEEP = ("frequency", "storage_modulus", "loss_modulus", "temperature")
-
-
-def frequencies_of(time: ArrayLike) -> Floats:
-    """Return the frequencies [Hz] at which readings over time [s] determine the moduli.
-
-    They lie on a grid that all temperatures share, half a decade inside the measured times.
-    """
-    t = np.asarray(time, dtype=float)
-    low = -np.log10(2.0 * np.pi * t.max()) + _WITHIN
-    high = -np.log10(2.0 * np.pi * t.min()) - _WITHIN
-    first, last = int(np.ceil(low * _PER_DECADE)), int(np.floor(high * _PER_DECADE))
-    return np.asarray(10.0 ** (np.arange(first, last + 1) / _PER_DECADE))
+_COLUMNS = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "temperature": "degC", "is_valid": "1"}
 
 
 def _fitted(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Prony, float, float]:
@@ -83,7 +70,7 @@ def _fitted(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Prony, float
 
 
 def with_responses(readings: xr.Dataset) -> xr.Dataset:
-    """Return readings whose relaxation and creep tests are sweeps, beside the sweeps that they hold.
+    """Return readings whose relaxation and creep tests are sweeps, with the sweeps that they hold.
 
     Each test is fitted by one spectrum, whose moduli are given at frequencies inside the times that were measured.
 
@@ -108,9 +95,7 @@ def with_responses(readings: xr.Dataset) -> xr.Dataset:
     clock = next((name for name in ("interval_time", "time") if name in readings), None)
     if not names or clock is None:
         return readings
-    tables: list[dict[str, Floats]] = []
-    problems: list[str] = []
-    known: list[tuple[float, float]] = []
+    tables, problems, known = list[pd.DataFrame](), list[str](), list[tuple[float, float]]()
     for rows in _runs(readings, clock):
         for name in names:
             if np.isfinite(readings[name].values[rows]).sum() < 2:
@@ -118,32 +103,30 @@ def with_responses(readings: xr.Dataset) -> xr.Dataset:
             try:
                 table, freedom, u = _sweep(readings, clock, name, rows)
                 tables.append(table)
-                known.append((2 * table["frequency"].size / freedom, u))
+                known.append((2 * len(table) / freedom, u))
             except InputError as error:
                 problems.append(str(error))
-    has_sweeps = all(name in readings and bool(np.isfinite(readings[name]).any()) for name in _SWEEP[:3])
+    has_sweeps = all(name in readings and bool(np.isfinite(readings[name]).any()) for name in list(_COLUMNS)[:3])
     if not tables:
         if problems and not has_sweeps:
             message = f"{readings.attrs.get('source', 'the export')}: no test over time can be used: {problems[0]}"
             raise InputError(message)
         return readings
     if has_sweeps:
-        held = [name for name in (*_SWEEP, "is_valid") if name in readings]
-        parts = [{name: readings[name].values[rows].astype(float) for name in held} for rows in tables_of(readings)]
+        held = pd.DataFrame({name: readings[name].values.astype(float) for name in _COLUMNS if name in readings})
+        parts = [held.iloc[rows] for rows in tables_of(readings)]
         tables = [part for part in parts if np.isfinite(part["frequency"]).any()] + tables
     # all tables one below the other
-    frame = pd.concat([pd.DataFrame(table) for table in tables], keys=range(1, len(tables) + 1))
-    columns = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "temperature": "degC"}
+    frame = pd.concat(tables, keys=range(1, len(tables) + 1))
+    frame["is_valid"] = frame["is_valid"].fillna(1.0)
     variables = {
         name: variable("sample", frame[name].to_numpy(), units, name.replace("_", " "))
-        for name, units in columns.items()
+        for name, units in _COLUMNS.items()
         if name in frame
     }
-    valid = frame["is_valid"].fillna(1.0) if "is_valid" in frame else pd.Series(1.0, frame.index)
-    variables["is_valid"] = variable("sample", valid.to_numpy(np.int8), "1", "0 where marked invalid")
     interval = variable("sample", frame.index.get_level_values(0).to_numpy(), "1", "number of the table")
     kept = {key: value for key, value in readings.attrs.items() if key in ("source", "instrument", "layout", "work")}
-    entries = json.dumps([{"rows": len(table["frequency"]), "interval": k} for k, table in enumerate(tables, 1)])
+    entries = json.dumps([{"rows": len(table), "interval": k} for k, table in enumerate(tables, 1)])
     moduli_per_parameter, u_moduli = np.median(known, axis=0).tolist()
     kept |= {"tests": entries, "moduli_per_parameter": max(moduli_per_parameter, 1.0), "u_moduli": u_moduli}
     return xr.Dataset(variables, {"interval": interval}, kept)
@@ -171,22 +154,25 @@ def _runs(readings: xr.Dataset, clock: str) -> list[NDArray[np.intp]]:
     return found
 
 
-def _sweep(
-    readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]
-) -> tuple[dict[str, Floats], float, float]:
-    """Return the moduli of one test, the effective number of terms that they come from, and their relative u."""
+def _sweep(readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]) -> tuple[pd.DataFrame, float, float]:
+    """Return the moduli of one test, the effective number of terms that they come from, and their relative u.
+
+    Frequencies lie on a grid that all temperatures share, half a decade inside the measured times.
+    """
     time = np.asarray(readings[clock].values[rows], dtype=float)
     before = readings[clock].values[: rows[0]]
     # A clock that runs on from table to table does not start at this step.
     if clock == "time" and before.size and np.isfinite(before[-1]) and time[0] >= before[-1] > 0:
         time = time - before[-1]
     fitted, freedom, u = _fitted(time, readings[name].values[rows], name)
-    frequency = frequencies_of(time[time > 0])
-    if not frequency.size:
+    ends = -np.log10(2.0 * np.pi * time.max()) + _WITHIN, -np.log10(2.0 * np.pi * time[time > 0].min()) - _WITHIN
+    steps = np.arange(int(np.ceil(ends[0] * _PER_DECADE)), int(np.floor(ends[1] * _PER_DECADE)) + 1)
+    if not steps.size:
         message = f"the readings span {np.log10(time.max() / time[time > 0].min()):.2g} decades, too few for a sweep"
         raise InputError(message)
+    frequency = 10.0 ** (steps / _PER_DECADE)
     modulus = fitted.complex_modulus(2.0 * np.pi * frequency)
-    found = {"frequency": frequency, "storage_modulus": modulus.real, "loss_modulus": modulus.imag}
+    table = pd.DataFrame({"frequency": frequency, "storage_modulus": modulus.real, "loss_modulus": modulus.imag})
     if "temperature" in readings:
-        found["temperature"] = np.full(frequency.size, float(np.nanmean(readings["temperature"].values[rows])))
-    return found, freedom, u
+        table["temperature"] = float(np.nanmean(readings["temperature"].values[rows]))
+    return table.assign(is_valid=1.0), freedom, u

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -127,7 +127,8 @@ def _identified(
     if not known.fit.is_converged:
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care", UserWarning, stacklevel=2)
     if group.prior is not None:
-        before = identification.posterior(identification.fit(problem.only(prior=True)))
+        alone = replace(problem, evidence=tuple(e for e in problem.evidence if e.is_prior))
+        before = identification.posterior(identification.fit(alone))
     said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
     stated = stated_solid(opened(results.folder), group.experiments[0])
     return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), stated)

@@ -207,8 +207,7 @@ def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
             Series("most probable", frequency, value, role="model"),
         ]
         if found.prior is not None:
-            before = moduli(found.prior, frequency)
-            values = before.storage if name == "storage" else before.loss_factor
+            values = moduli(found.prior, frequency)[name].values
             series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
         elif found.stated is not None and stated is not None:
             values = stated.real if name == "storage" else stated.imag / stated.real
@@ -219,9 +218,10 @@ def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
 
 def _fits(found: Identified) -> tuple[Block, ...]:
     made = predictive_bands(found.known)
-    sized = [(b, b.group.values.size) for b in made]
+    squares = [np.mean(((b.group.values - b.predicted) / b.group.u) ** 2) for b in made]
     rows = [
-        (b.evidence, b.group.name, n, b.chi_square / n, 100 * b.misfit.relative, b.misfit.correlation) for b, n in sized
+        (b.evidence, b.group.name, b.predicted.size, square, 100 * b.misfit.relative, b.misfit.correlation)
+        for b, square in zip(made, squares, strict=True)
     ]
     names, caption = map(Column, ("experiment", "quantity", "n")), "chi square with the stated uncertainties alone; "
     caption += "a discrepancy is added where it exceeds its 99 % quantile"

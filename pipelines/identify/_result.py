@@ -64,23 +64,14 @@ def dataset(found: Identified) -> xr.Dataset:
         "lowest_frequency": ((), low, described("Hz", "lowest frequency determined by the data")),
         "highest_frequency": ((), high, described("Hz", "highest frequency determined by the data")),
     }
-    for name, values, units, text in (
-        ("storage", curve.storage, "Pa", "storage modulus"),
-        ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("prior_ln_storage", curve.prior_ln_storage, "1", "the same, of the prior"),
-        ("loss_factor", curve.loss_factor, "1", "loss factor"),
-        ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
-        ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same, of the prior"),
-        ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where determined"),
-    ):
-        table[name] = ("frequency", values, described(units, text))
+    table |= {name: curve[name].variable for name in curve}
     table |= _parameters(found) | _observations(found)
     chances = structure(found)
     table["structure_name"] = ("structure", list(chances), described("1", "structure of the spectrum"))
     table["structure_probability"] = ("structure", list(chances.values()), described("1", "its posterior probability"))
     return xr.Dataset(
         table,
-        coords={"frequency": ("frequency", curve.frequency, described("Hz", "frequency"))},
+        coords=curve.coords,
         attrs={
             "material": found.material,
             "experiments": json.dumps([e.name for e in fit.problem.evidence]),

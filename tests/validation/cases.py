@@ -155,6 +155,19 @@ def polyisoprene() -> list[Value]:
     return found + [Value(b, 0.001 * ROUNDED, *measured) for b, *measured in vertical if b != 1.0]
 
 
+def backsheet_table(name: str) -> np.ndarray:
+    """Return the columns of a file of the backsheet."""
+    form = {"delimiter": ",", "skiprows": 2, "unpack": True, "encoding": "utf-8-sig"}
+    return np.loadtxt(SAMPLES / "dma" / name, **form)
+
+
+def backsheet_sweeps() -> xr.Dataset:
+    """Return the sweeps of the backsheet, by the mean temperature of each."""
+    frequency, storage, loss, temperature, number = backsheet_table("backsheet_tension_21_temperatures.csv")
+    mean = {k: temperature[number == k].mean() for k in np.unique(number)}
+    return grid(np.array([mean[k] for k in number]), frequency.round(6), storage * 1e6, loss * 1e6)
+
+
 @PublishedCase(
     "log a_T of a backsheet, −50 to −5 °C",
     "[pyvisco](https://doi.org/10.5281/zenodo.6384954)",
@@ -165,12 +178,8 @@ def polyisoprene() -> list[Value]:
 )
 def backsheet() -> list[Value]:
     """Both files are examples of the repository NREL/pyvisco, whose shifts are of the storage modulus alone."""
-    folder, form = SAMPLES / "dma", {"delimiter": ",", "skiprows": 2, "unpack": True, "encoding": "utf-8-sig"}
-    frequency, storage, loss, temperature, number = np.loadtxt(folder / "backsheet_tension_21_temperatures.csv", **form)
-    mean = {k: temperature[number == k].mean() for k in np.unique(number)}
-    sweeps = grid(np.array([mean[k] for k in number]), frequency.round(6), storage * 1e6, loss * 1e6)
-    T, log10_aT = np.loadtxt(folder / "backsheet_published_shift_factors.csv", **form)[:, ::-1]
-    curve = quiet_curve(sweeps, -5.0)
+    T, log10_aT = backsheet_table("backsheet_published_shift_factors.csv")[:, ::-1]
+    curve = quiet_curve(backsheet_sweeps(), -5.0)
     return shifts(curve, np.interp(curve.log10_aT["temperature"], T, log10_aT), 0.06 * ROUNDED)
 
 

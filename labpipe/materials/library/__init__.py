@@ -6,7 +6,6 @@ from labpipe.materials.library._library import (
     Thermal as Thermal,
     describe as describe,
     load as load,
-    read_material as read_material,
     solid as solid,
     thermal as thermal,
 )

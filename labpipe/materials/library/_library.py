@@ -75,7 +75,7 @@ class Material:
     Attributes
     ----------
     name, summary : str
-        What it is.
+        Of the material.
     prony : Prony
         At the reference temperature.
     entries : tuple of Entry
@@ -96,25 +96,21 @@ class Material:
     law: ShiftLaw
     yield_stress: YieldStress | None = None
 
-    def log10_aT(self, temperature: float) -> float:
-        """Shift at a temperature [degC]: positive below the reference.
+    def at(self, temperature: float | None) -> Prony:
+        """Return the solid at a temperature [degC]; None is the reference.
 
         Raises
         ------
         InputError
             The law does not reach that temperature.
         """
-        return float(self.law.log10_aT(temperature))
-
-    def at(self, temperature: float | None) -> Prony:
-        """Return the solid at a temperature [degC]; None is the reference."""
         if temperature is None:
             return self.prony
-        return self.prony.shifted(10.0 ** self.log10_aT(temperature))
+        return self.prony.shifted(10.0 ** float(self.law.log10_aT(temperature)))
 
 
 Solid = Prony | Material | MasterCurve | str | Path
-"""What an argument ``material`` takes: an object, a name of the library, or a TOML file."""
+"""Values of an argument ``material``: an object, a name of the library, or a TOML file."""
 
 
 def solid(material: Solid, temperature: Measure | None = None) -> Prony:
@@ -179,13 +175,20 @@ def load(name: str | Path, temperature: float | None = None) -> Prony:
 def describe(name: str | Path) -> Material:
     """Return a material of the library, or of a TOML file, with the origin of its numbers.
 
+    Raises
+    ------
+    InputError
+        There is no such material.
+    SourceError
+        With the line of the first mistake of a file.
+
     Examples
     --------
     >>> describe("PMMA").name, describe("Teflon").name, describe("PA 66").name
     ('acrylic', 'ptfe', 'nylon')
     """
     if isinstance(name, Path) or name.endswith(".toml"):
-        return read_material(name)
+        return _read(Path(name))
     plain = name.strip().casefold()
     known = _ALSO_CALLED.get(plain.replace(" ", "").replace("-", ""), plain)
     if known not in NAMES:
@@ -197,18 +200,11 @@ def describe(name: str | Path) -> Material:
 @cache
 def _of_library(name: str) -> Material:
     with resources.as_file(resources.files("labpipe.materials") / "library" / f"{name}.toml") as p:
-        return read_material(p)
+        return _read(p)
 
 
-def read_material(path: str | Path) -> Material:
-    """Read a material file.
-
-    Raises
-    ------
-    SourceError
-        With the line of the first mistake.
-    """
-    path = Path(path)
+def _read(path: Path) -> Material:
+    """Read a material file."""
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise SourceError(path, "is larger than 1 MiB, which no material file is")

@@ -82,7 +82,7 @@ class Retardation:
 def merged(weight: Floats, time: Floats) -> tuple[Floats, Floats]:
     """Sort terms by time, drop zero weights, and add up the weights of equal times.
 
-    Times that agree to :data:`_SAME_TIME` are equal: no modulus tells them apart, while the digits
+    Times that agree to :data:`_SAME_TIME` are equal: no modulus distinguishes them, while the digits
     in which they differ would be all that the converted weights rest on.
     """
     kept = np.flatnonzero(weight > 0)

@@ -31,7 +31,6 @@ from labpipe.materials.prony._interconversion import (
     relaxation_from_creep,
 )
 from labpipe.notebook import html_table, shown
-from labpipe.units import require_positive
 
 Mode = Literal["tension", "shear", "contact"]
 
@@ -184,7 +183,7 @@ class Prony:
         return self._creep.weight, self._creep.time
 
     def factor(self, mode: Mode) -> float:
-        """Return what the tensile modulus is multiplied by: shear 1/2(1+ν), contact 1/(1−ν²)."""
+        """Return the factor on the tensile modulus: shear 1/2(1+ν), contact 1/(1−ν²)."""
         factors = {"tension": 1.0, "shear": 0.5 / (1.0 + self.nu), "contact": 1.0 / (1.0 - self.nu**2)}
         if mode not in factors:
             raise InputError(f'mode "{mode}" is unknown; use one of {", ".join(factors)}')
@@ -373,55 +372,3 @@ def _positive(name: str, values: ArrayLike, units: str) -> Floats:
     if (found < 0).any():
         raise InputError(f"{name} = {found.min()} {units}: the response is defined for {name} ≥ 0")
     return found
-
-
-def maxwell(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
-    """Return a spring and a dashpot in series: a liquid with one relaxation time.
-
-    Parameters
-    ----------
-    modulus : float [Pa]
-        ℰ of the spring.
-    viscosity : float [Pa s]
-        μ of the dashpot; the relaxation time is μ/ℰ (1.30).
-    nu : float
-        Poisson's ratio.
-
-    Examples
-    --------
-    Creep is J(t) = 1/ℰ + t/μ (1.34):
-
-    >>> maxwell(2.0, 8.0).creep([0.0, 4.0])
-    array([0.5, 1. ])
-    """
-    require_positive("Pa", modulus=modulus)
-    require_positive("Pa s", viscosity=viscosity)
-    return Prony(0.0, [modulus], [viscosity / modulus], nu)
-
-
-def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time: float, nu: float = 0.5) -> Prony:
-    """Return a spring beside a Maxwell element (Zener): the simplest solid that relaxes.
-
-    Parameters
-    ----------
-    E_relaxed, E_unrelaxed : float [Pa]
-        ℰ₀ and ℰ_∞ = ℰ₀ + ℰ₁ of the thesis, E_relaxed < E_unrelaxed.
-    relaxation_time : float [s]
-        τ of (1.37). The retardation time is β τ with β = E_unrelaxed/E_relaxed (1.38).
-    nu : float
-        Poisson's ratio.
-
-    Examples
-    --------
-    >>> solid = standard_linear_solid(1.0, 2.0, 3.0)
-    >>> C, tau = solid.creep_terms()
-    >>> float(tau[0])
-    6.0
-    """
-    require_positive("Pa", E_relaxed=E_relaxed)
-    if not E_unrelaxed > E_relaxed:
-        raise InputError(
-            f"E_unrelaxed = {E_unrelaxed} Pa is not above E_relaxed = {E_relaxed} Pa: a material "
-            "relaxes from the larger modulus to the smaller one"
-        )
-    return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)

@@ -93,21 +93,21 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
             raise InputError(f"{name}: found {found}, expected positive, finite values")
     order = np.argsort(arrays[0], kind="stable")
     f, first, second = (a[order] for a in arrays)
-    ln_omega = np.log(2.0 * np.pi * f)
+    ln_omega, values = np.log(2.0 * np.pi * f), np.concatenate([first, second])
     grid = make_grid(ln_omega, first, second)
-    alone = _fit(ln_omega, grid, first, None)
-    lossy = _fit(ln_omega, grid, None, second, near=alone[3])
-    noise = max(alone[2][0], _LEAST_MISFIT), max(lossy[2][1], _LEAST_MISFIT)
+    alone, misfit_alone, smoothing = _fit(ln_omega, grid, values, (1.0, np.inf))
+    lossy, misfit_lossy, smoother = _fit(ln_omega, grid, values, (np.inf, 1.0), smoothing)
+    noise = max(misfit_alone[0], _LEAST_MISFIT), max(misfit_lossy[1], _LEAST_MISFIT)
     # The same smoothing in units of the noise: a start to walk from.
-    near = float(np.sqrt(alone[3] * lossy[3])) / (noise[0] * noise[1])
-    common = _fit(ln_omega, grid, first, second, noise, near)[2]
+    near = float(np.sqrt(smoothing * smoother)) / (noise[0] * noise[1])
+    common = _fit(ln_omega, grid, values, noise, near)[1]
     # The loss says nothing of the relaxed modulus: the constant that fits the storage best.
     relative = 1.0 / first**2
-    storage_from_loss = lossy[0] + float(np.sum((first - lossy[0]) * relative) / np.sum(relative))
+    storage_from_loss = lossy[: f.size] + float(np.sum((first - lossy[: f.size]) * relative) / np.sum(relative))
     ratio = max(common[0] / noise[0], common[1] / noise[1])
     margin = 0.5 * (1.0 - MIDDLE_SHARE) * np.ptp(ln_omega)
     middle = (ln_omega >= ln_omega.min() + margin) & (ln_omega <= ln_omega.max() - margin)
-    errors = _rms((alone[1] / second - 1.0)[middle]), _rms((storage_from_loss / first - 1.0)[middle])
+    errors = _rms((alone[f.size :] / second - 1.0)[middle]), _rms((storage_from_loss / first - 1.0)[middle])
     misfit = max(common)
     reason = (
         f"the common fit misses by {100 * misfit:.2g} %, {ratio:.2f} times the misfit of either modulus alone; "
@@ -123,36 +123,20 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
 
 
 def _fit(
-    ln_omega: Floats,
-    grid: Grid,
-    storage: Floats | None,
-    loss: Floats | None,
-    noise: tuple[float, float] = (1.0, 1.0),
-    near: float | None = None,
-) -> tuple[Floats, Floats, tuple[float, float], float]:
-    """Fit one spectrum to one modulus or to both, rows relative to the measured values.
+    ln_omega: Floats, grid: Grid, values: Floats, noise: tuple[float, float], near: float | None = None
+) -> tuple[Floats, list[float], float]:
+    """Fit one spectrum to storage and loss (2 point,) of relative noise; infinite noise leaves a modulus out.
 
-    Returns storage and loss of the fit, their relative misfits (NaN where not fitted), and the smoothing.
+    Returned are both moduli of the fit, their relative misfits, and the smoothing.
     """
-    upper, lower = np.split(moduli_of_terms(ln_omega, grid.ln_time) * grid.scale, 2)
-    blocks = [
-        (design / (values * level)[:, None], np.full(values.size, 1.0 / level))
-        for design, values, level in ((upper, storage, noise[0]), (lower, loss, noise[1]))
-        if values is not None
-    ]
-    used = np.ones(grid.scale.size, dtype=bool)
-    used[-1] = storage is not None
-    rows, target = np.vstack([block[0] for block in blocks])[:, used], np.concatenate([block[1] for block in blocks])
-    solution = solve_by_cross_validation(*compress(rows, target), grid.penalty[:, used], target.size, near)
-    coefficient = np.zeros(used.size)
-    coefficient[used] = solution.coefficient
-    fitted = (upper @ coefficient, lower @ coefficient)
-    root = float(np.sqrt(1.0 - min(solution.freedom / target.size, 0.9)))
-    misfit = [
-        _rms(model / values - 1.0) / root if values is not None else float("nan")
-        for model, values in zip(fitted, (storage, loss), strict=True)
-    ]
-    return fitted[0], fitted[1], (misfit[0], misfit[1]), solution.strength
+    design = moduli_of_terms(ln_omega, grid.ln_time) * grid.scale
+    target = 1.0 / np.repeat(noise, ln_omega.size)
+    count = int(np.count_nonzero(target))
+    system = compress(design * (target / values)[:, None], target)
+    solution = solve_by_cross_validation(*system, grid.penalty, count, near)
+    fitted = design @ solution.coefficient
+    root = float(np.sqrt(1.0 - min(solution.freedom / count, 0.9)))
+    return fitted, [_rms(part) / root for part in np.split(fitted / values - 1.0, 2)], solution.strength
 
 
 def _rms(values: Floats) -> float:

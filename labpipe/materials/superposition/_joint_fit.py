@@ -10,7 +10,7 @@ with the horizontal shift a, the vertical shift b and the delay d of the instrum
 spectrum enters linearly and is eliminated (variable projection): for every set of shifts the
 best non-negative spectrum is one small least-squares problem, and the outer Levenberg-Marquardt
 iteration sees only shifts, vertical parameters and the delay. Its matrix is the data's
-sensitivity to those, less what a change of the spectrum could imitate (Kaufman's form); the
+sensitivity to those, less the part that a change of the spectrum could imitate (Kaufman's form); the
 inverse of that matrix is their covariance.
 
 References
@@ -119,11 +119,21 @@ def evaluate(
     ``strength`` None chooses the smoothing by cross-validation, walking from ``near`` if given.
     A ``guess`` is the solution at a nearby state, with the strength to keep.
     """
-    shapes = maxwell_shapes(reduced(points, state), grid.ln_time)
-    vertical = np.exp(state.ln_bT[points.isotherm])
-    phase = points.omega * state.delay
+    storage, loss = maxwell_shapes(reduced(points, state), grid.ln_time)
+    phase, vertical = points.omega * state.delay, np.exp(state.ln_bT[points.isotherm])
     turn, lean = np.cos(phase) * vertical, np.sin(phase) * vertical
-    rows = _design(shapes, turn, lean, grid, weight)
+    half = points.omega.size
+    # Storage and loss of every term and of the relaxed modulus, weighted.
+    rows = np.empty((2 * half, grid.scale.size))
+    for part, w, own, sign, other in (
+        (rows[:half], weight[:half], storage, -1.0, loss),
+        (rows[half:], weight[half:], loss, 1.0, storage),
+    ):
+        np.multiply(own, (w * turn)[:, None], out=part[:, :-1])
+        if state.delay:
+            part[:, :-1] += (sign * w * lean)[:, None] * other
+    rows[:half, -1], rows[half:, -1] = weight[:half] * turn, weight[half:] * lean
+    rows *= grid.scale
     measured = np.concatenate([points.storage, points.loss])
     target = measured * weight
     gram = rows.T @ rows if guess is not None else None
@@ -139,10 +149,8 @@ def evaluate(
     predicted = rows @ coefficient / weight
     # d/d ln ω of the two shapes: 2 L² and L (1 − 2 S).
     weights = coefficient[:-1] * grid.scale[:-1]
-    storage, loss = shapes
     storage_slope = 2.0 * loss**2 @ weights
     loss_slope = (loss * (1.0 - 2.0 * storage)) @ weights
-    half = points.omega.size
     by_shift = np.concatenate([turn * storage_slope - lean * loss_slope, lean * storage_slope + turn * loss_slope])
     by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
     used = rows if active.all() else rows[:, active]
@@ -160,25 +168,6 @@ def evaluate(
         by_vertical=predicted * weight,
         by_delay=by_delay * weight,
     )
-
-
-def _design(shapes: tuple[Floats, Floats], turn: Floats, lean: Floats, grid: Grid, weight: Floats) -> Floats:
-    """Return storage and loss of every term and of the relaxed modulus, weighted, (2 point, term + 1).
-
-    ``turn`` and ``lean`` are the vertical factor times cosine and sine of the phase error.
-    """
-    half, terms = shapes[0].shape
-    design = np.empty((2 * half, terms + 1))
-    for part, w, first, sign, second in (
-        (design[:half], weight[:half], 0, -1.0, 1),
-        (design[half:], weight[half:], 1, 1.0, 0),
-    ):
-        np.multiply(shapes[first], (w * turn)[:, None], out=part[:, :-1])
-        if lean.any():
-            part[:, :-1] += (sign * w * lean)[:, None] * shapes[second]
-    design[:half, -1], design[half:, -1] = weight[:half] * turn, weight[half:] * lean
-    design *= grid.scale
-    return design
 
 
 def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:

@@ -4,8 +4,8 @@ Convention: E(ω, T) = b_T E(a_T ω, T_ref). The horizontal factor a_T exceeds o
 reference temperature; the vertical factor b_T is one there.
 
 One joint fit finds all shifts and one non-negative spectrum from both moduli. Chained pairwise
-shifts accumulate errors and know no covariance; the joint fit does neither. What the data cannot
-determine is said: the standard deviation of every shift, the overlap of every pair, the agreement
+shifts accumulate errors and know no covariance; the joint fit does neither. The limits of the data
+are stated: the standard deviation of every shift, the overlap of every pair, the agreement
 of the starts, the Kramers-Kronig verdict, and which terms lie outside the covered window.
 """
 
@@ -70,7 +70,7 @@ def master_curve(
         None leaves every shift free; a law replaces them by its one or two constants.
     vertical : str
         Law of b_T: "none", "rho_T" (b ∝ absolute temperature), "linear" or "quadratic"
-        (in T − T_ref); "auto" takes what Schwarz's criterion asks for.
+        (in T − T_ref); "auto" takes the law that Schwarz's criterion asks for.
     delay : bool or "auto"
         Lag of the instrument's phase by a constant time.
     nu : float

@@ -51,27 +51,27 @@ class Scatter(Noise):
         return all(1.0 / ratio < share < ratio for share in shares)
 
 
+def off_its_sweep(omega: Floats, values: Floats) -> Floats:
+    """Return the distance of ln E from the cubic through a sweep, in units of that of one reading."""
+    x, y = np.log(omega), np.log(values)
+    base = np.linalg.qr(np.vander(x - x.mean(), min(_DEGREE, x.size - 2) + 1))[0]
+    return np.asarray((y - base @ (base.T @ y)) / np.sqrt(np.maximum(1.0 - np.sum(base**2, axis=1), 1e-3)))
+
+
 def scatter_of_sweeps(points: Points) -> Scatter | None:
     """Return the scatter of either modulus about a cubic per sweep; None if there is too little.
 
     The median of the absolute residuals is used, so that single outliers do not count.
     """
-    residuals: list[list[Floats]] = [[], []]
-    freedom = 0
-    for k in range(points.count):
-        mask = points.isotherm == k
-        if np.count_nonzero(mask) < _LEAST_POINTS:
-            continue
-        x = np.log(points.omega[mask])
-        base = np.linalg.qr(np.vander(x - x.mean(), _DEGREE + 1))[0]
-        share = np.sqrt(np.maximum(1.0 - np.sum(base**2, axis=1), 1e-3))
-        freedom += x.size - _DEGREE - 1
-        for found, values in zip(residuals, (points.storage, points.loss), strict=True):
-            y = np.log(values[mask])
-            found.append((y - base @ (base.T @ y)) / share)
+    sweeps = [points.isotherm == k for k in range(points.count)]
+    sweeps = [mask for mask in sweeps if np.count_nonzero(mask) >= _LEAST_POINTS]
+    freedom = sum(int(np.count_nonzero(mask)) - _DEGREE - 1 for mask in sweeps)
     if freedom < _LEAST_FREEDOM:
         return None
-    levels = [float(np.median(np.abs(np.concatenate(r)))) / _MEDIAN_OF_NORMAL for r in residuals]
+    levels = []
+    for values in (points.storage, points.loss):
+        off = np.concatenate([off_its_sweep(points.omega[mask], values[mask]) for mask in sweeps])
+        levels.append(float(np.median(np.abs(off))) / _MEDIAN_OF_NORMAL)
     return Scatter(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE), freedom)
 
 

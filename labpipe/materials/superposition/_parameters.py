@@ -45,7 +45,7 @@ LEAST_SPACING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Parameters (horizontal, vertical, delay), and what they make.
+    """Parameters (horizontal, vertical, delay), and the factors that they make.
 
     ``log10_aT``, ``ln_bT`` (isotherm,); ``delay`` [s].
     """
@@ -149,31 +149,28 @@ class OuterModel:
 
     def start(self, state: State | None = None) -> State:
         """Return the state of this model nearest to another model's state (default: given)."""
+        n, found = self.horizontal_size, np.zeros(self.size)
         shifts = self.given if state is None else state.log10_aT
-        ln_bT = np.zeros(shifts.size) if state is None else state.ln_bT
-        found = np.zeros(self.size)
+        from_reference = shifts - shifts[self.reference]
         if self.horizontal == "free":
-            found[: self.horizontal_size] = np.delete(shifts - shifts[self.reference], self.reference)
+            found[:n] = np.delete(from_reference, self.reference)
         elif self.horizontal != "fixed":
-            from_reference = shifts - shifts[self.reference]
-            law = fit_law(self.horizontal, self.temperature, from_reference, np.eye(shifts.size), self.T0)
-            found[: self.horizontal_size] = law.parameters
-        n, count, warmer = self.horizontal_size, VERTICAL_SIZE[self.vertical], self.temperature - self.T0
-        if count:
-            found[n : n + count] = np.linalg.lstsq(_powers(warmer, count), np.expm1(ln_bT), rcond=None)[0]
-        law_of_b = self.law_of_b(found, self.temperature)
-        if law_of_b is None:
-            found[n : n + count] = 0.0
-        value = np.zeros(shifts.size) if law_of_b is None else law_of_b[0]
-        if self.has_slope:
-            slope = float((ln_bT - value) @ warmer / max(float(warmer @ warmer), 1.0)) / self.slope_spread
-            found[n] = np.clip(slope, -2.0, 2.0)
-        if self.has_delay and state is not None:
-            found[-1] = state.delay / self.delay_unit
+            found[:n] = fit_law(
+                self.horizontal, self.temperature, from_reference, np.eye(shifts.size), self.T0
+            ).parameters
         started = self.state(found)
         if started is None:
             raise ValueError("the first estimate of a shift law lies outside its domain")
-        return started
+        if state is None:
+            return started
+        # ln b is nearly linear in its parameters; a slope starts within twice its spread.
+        vertical = self.directions(started)[1]
+        found[n:] = np.linalg.lstsq(vertical[:, n:], state.ln_bT - started.ln_bT, rcond=None)[0]
+        if self.has_slope:
+            found[n] = np.clip(found[n], -2.0, 2.0)
+        if self.has_delay:
+            found[-1] = state.delay / self.delay_unit
+        return self.state(found) or started
 
     def state(self, parameters: Floats) -> State | None:
         """Return the state of a set of parameters, None outside the domain of a law."""

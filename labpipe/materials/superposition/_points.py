@@ -14,60 +14,20 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._noise import off_its_sweep
 from labpipe.units import ZERO_CELSIUS
 
-# A reading is left out when it is off the parabola through its neighbours by this (of ln E), and by this many times the
-# median of others.
+# A reading is left out when it is off the cubic through its sweep by this (of ln E), and by this many times the median
+# of others.
 _FAR, _SCATTERS = 0.3, 8.0
-# Readings from which a sweep can show which of them is wrong, the share of it that may be left out, and
-# neighbours on either side.
-_LEAST_OF_SWEEP, _MOST_SHARE, _SIDE = 5, 0.25, 3
-
-
-def outliers(points: Points) -> Flags:
-    """Return the readings (point,) far off their own sweep, in storage or in loss."""
-    found = np.zeros(points.omega.size, dtype=bool)
-    rows = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
-    rows = [row[np.argsort(points.omega[row], kind="stable")] for row in rows if row.size >= _LEAST_OF_SWEEP]
-    for values in (points.storage, points.loss) if rows else ():
-        off = [_off_neighbours(points.omega[row], values[row]) for row in rows]
-        limit = max(_FAR, _SCATTERS * float(np.median(np.abs(np.concatenate(off)))))
-        for row, distance in zip(rows, off, strict=True):
-            kept, left = row, distance
-            while np.max(np.abs(left)) > limit and row.size - kept.size < _MOST_SHARE * row.size:
-                worst = int(np.argmax(np.abs(left)))
-                found[kept[worst]] = True
-                kept = np.delete(kept, worst)
-                left = _off_neighbours(points.omega[kept], values[kept])
-    return found
-
-
-def _off_neighbours(omega: Floats, values: Floats) -> Floats:
-    """Return the distance of ln E from the parabola through its neighbours, in units of that of one reading."""
-    x, y = np.log(omega), np.log(values)
-    count = x.size
-    width = min(2 * _SIDE + 1, count)
-    first = np.clip(np.arange(count) - _SIDE, 0, count - width)
-    near = first[:, None] + np.arange(width)
-    near = near[near != np.arange(count)[:, None]].reshape(count, width - 1)
-    away = x[near] - x[:, None]
-    reach = np.max(np.abs(away), axis=1)
-    powers = (away / np.maximum(reach, np.finfo(float).tiny)[:, None])[..., None] ** np.arange(3)
-    normal = powers.transpose(0, 2, 1) @ powers + 1e-9 * np.eye(3)  # defined for repeats of one frequency too
-    # The value of the parabola at the reading itself, as weights of its neighbours.
-    weights = (powers @ np.linalg.solve(normal, np.eye(3)[:, :1]))[..., 0]
-    return np.asarray((y - np.sum(weights * y[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1)))
-
-
+# Readings from which a sweep can show which of them is wrong, and the share of it that may be left out.
+_LEAST_OF_SWEEP, _MOST_SHARE = 5, 0.25
 _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
 # A loss modulus at or below zero is noise about a small value; more than this share of them is
 # a sign convention or a material without loss.
 _MAX_SHARE_OF_LOST_POINTS = 0.25
 # Fewer points than this over the whole set say nothing about a spectrum.
 _LEAST_POINTS = 4
-# A storage modulus that falls with frequency by more than this many times its scatter
-# (and by this share at least) is not that of a linear viscoelastic material.
-_FALL_SCATTERS, _LEAST_FALL = 5.0, 0.02
 # Moduli beyond this (Pa) and below its inverse are of no material, in whatever unit.
 _MOST = 1e30
 # Isotherms closer than this (K) are the same temperature measured twice.
@@ -93,7 +53,7 @@ class SweepData:
 
 
 def read_sweeps(sweeps: xr.Dataset) -> SweepData:
-    """Check a Dataset of sweeps and flatten it into points; :func:`.master_curve` says what it holds.
+    """Check a Dataset of sweeps and flatten it into points; :func:`.master_curve` describes its contents.
 
     Raises
     ------
@@ -151,12 +111,28 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
         "its own, their difference shows the repeatability"
         for k in np.flatnonzero(np.diff(ordered) < _REPEAT)
     ]
-    points = _flat(present, storage, loss, frequency)
-    notes += _falling(points, temperature[kept])
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     row, column = np.nonzero(present)
-    return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
+    return SweepData(_flat(present, storage, loss, frequency), temperature[kept], kept, row, column, tuple(notes))
+
+
+def outliers(points: Points) -> Flags:
+    """Return the readings (point,) far off their own sweep, in storage or in loss."""
+    found = np.zeros(points.omega.size, dtype=bool)
+    rows = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
+    rows = [row for row in rows if row.size >= _LEAST_OF_SWEEP]
+    for values in (points.storage, points.loss) if rows else ():
+        off = [off_its_sweep(points.omega[row], values[row]) for row in rows]
+        limit = max(_FAR, _SCATTERS * float(np.median(np.abs(np.concatenate(off)))))
+        for row, distance in zip(rows, off, strict=True):
+            kept, left = row, distance
+            while np.max(np.abs(left)) > limit and row.size - kept.size < _MOST_SHARE * row.size:
+                worst = int(np.argmax(np.abs(left)))
+                found[kept[worst]] = True
+                kept = np.delete(kept, worst)
+                left = off_its_sweep(points.omega[kept], values[kept])
+    return found
 
 
 def _flat(present: Flags, storage: Floats, loss: Floats, frequency: Floats) -> Points:
@@ -190,23 +166,3 @@ def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:
     if not (np.isfinite(frequency) & (frequency > 0)).all():
         raise InputError(f"frequency {frequency} Hz: expected positive, finite values")
     return storage, loss, temperature, frequency
-
-
-def _falling(points: Points, temperature: Floats) -> list[str]:
-    """Name the isotherms whose storage modulus falls with frequency beyond the scatter."""
-    masks = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
-    curves = [np.log(points.storage[mask][np.argsort(points.omega[mask])]) for mask in masks]
-    scatters = [float(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0)) for y in curves if y.size > 2]
-    scatter = float(np.median(scatters)) if scatters else 0.0
-    notes = []
-    for y, T in zip(curves, temperature, strict=True):
-        # the largest drop between means of neighbouring points
-        window = max(y.size // 4, 1)
-        means = np.convolve(y, np.full(window, 1.0 / window), mode="valid")
-        fall = float(np.max(np.maximum.accumulate(means) - means))
-        if fall > max(_FALL_SCATTERS * scatter * np.sqrt(2.0 / window), _LEAST_FALL):
-            notes.append(
-                f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at {T:g} °C; no linear "
-                "viscoelastic material does that (resonance, slip, or a sample that was still changing)"
-            )
-    return notes

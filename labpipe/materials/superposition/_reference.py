@@ -20,9 +20,6 @@ from labpipe.materials.superposition._model_selection import Superposition
 from labpipe.materials.superposition._parameters import LEAST_SPACING
 from labpipe.uncertainty import propagated_covariance
 
-# A gap of g decades between two sweeps is bridged by the smoothness of the spectrum. On known
-# materials the step was then wrong by about this times g² decades (0.03 at 0.65, 0.11 at 1.5).
-_GAP_ERROR = 0.05
 # Error of a sweep's temperature (K) in a furnace, and the factor by which that may be wrong.
 _THERMOMETER, _FACTOR = 0.3, 3.0
 
@@ -47,7 +44,7 @@ class Reference:
     own: Floats
 
 
-def reference_at(points: Points, found: Superposition, T_ref: float) -> Reference:
+def reference_at(found: Superposition, T_ref: float) -> Reference:
     """Find log10 a and ln b at T_ref, and the covariance of the shifts about it.
 
     Raises
@@ -79,12 +76,8 @@ def reference_at(points: Points, found: Superposition, T_ref: float) -> Referenc
     own = np.zeros(count)
     if is_free:
         # In the frame of the fit first, so that differences of shifts know nothing of T_ref.
-        frame = propagated_covariance(moves, found.covariance)
-        groups, gaps = _gaps(points, model.temperature, state.log10_aT)
-        extra = (groups.T * (_GAP_ERROR * gaps**2) ** 2) @ groups
-        own = repeatability(model.temperature, state.log10_aT, frame + extra)
-        apart = np.eye(count) - share
-        covariance = covariance + propagated_covariance(apart, extra + np.diag(own**2))
+        own = repeatability(model.temperature, state.log10_aT, propagated_covariance(moves, found.covariance))
+        covariance = covariance + propagated_covariance(np.eye(count) - share, np.diag(own**2))
     vertical = model.law_of_b(state.parameters, np.array([T_ref]))
     if vertical is None:
         raise InputError(f"T_ref = {T_ref:g} °C lies beyond the range of the vertical law; choose it among the sweeps")
@@ -117,16 +110,6 @@ def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> 
     likelihood -= 0.5 * (np.log(error / _THERMOMETER) / np.log(_FACTOR)) ** 2
     share = np.exp(likelihood - likelihood.max())
     return np.asarray(np.sqrt(np.sum(share * error**2) / np.sum(share)) * slope)
-
-
-def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:
-    """Return for every pair without overlap the colder side (one, others zero) and the gap."""
-    order = np.argsort(temperature, kind="stable")
-    gaps = -shared_decades(points, log10_aT, order)
-    groups = np.zeros((gaps.size, order.size))
-    for k in range(gaps.size):
-        groups[k, order[: k + 1]] = 1.0
-    return groups[gaps > 0], gaps[gaps > 0]
 
 
 def shared_decades(points: Points, log10_aT: Floats, order: NDArray[np.intp]) -> Floats:

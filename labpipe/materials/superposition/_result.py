@@ -143,7 +143,7 @@ class MasterCurve(ShownAsTable):
 def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, T_ref: float, nu: float) -> MasterCurve:
     """Move the reference to T_ref and put the result into Datasets."""
     model, state = found.model, found.fit.state
-    reference = reference_at(data.points, found, T_ref)
+    reference = reference_at(found, T_ref)
     log10_aT = state.log10_aT - reference.log10_aT
     b_ref = float(np.exp(reference.ln_bT))
     weights = found.fit.solution.coefficient * found.fit.grid.scale * b_ref

@@ -4,7 +4,6 @@ import json
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,7 +11,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Flags
 from labpipe.errors import InputError
 from labpipe.materials._step_tests import tables_of
 from labpipe.variables import variable
@@ -30,18 +29,6 @@ _LOADINGS = {
     "extensional": re.compile("(?i:extension|tensile|dehnung)|" + _LETTER.format("E")),
 }
 _HEADED = ("strain", "storage_modulus", "loss_modulus", "complex_modulus", "relaxation_modulus")
-
-
-@dataclass(frozen=True, slots=True)
-class TableRun:
-    """Consecutive points of one table: rows of its Dataset, all at one temperature or frequency."""
-
-    dataset: xr.Dataset
-    rows: NDArray[np.intp]
-
-    def values(self, name: str) -> Floats:
-        """Return one variable of the run."""
-        return np.asarray(self.dataset[name].values[self.rows], dtype=float)
 
 
 def modulus_factor(mode: Mode, nu: float) -> float:
@@ -123,7 +110,7 @@ def gather_sweeps(
         ``loss_modulus`` [Pa], ``is_valid``; the attribute ``tests`` (JSON) counts the rows of every
         table.
     mode : {"tension", "bending", "shear", "torsion"}
-        What was loaded; shear moduli become E = 2 (1 + ν) G.
+        The loading; shear moduli become E = 2 (1 + ν) G.
     nu : float
         Poisson's ratio.
     tolerance : float [K]
@@ -147,16 +134,18 @@ def gather_sweeps(
     if not 0.0 <= nu <= 0.5:
         raise InputError(f"nu = {nu}: expected Poisson's ratio of a solid, from 0 to 0.5")
     parts = [datasets] if isinstance(datasets, xr.Dataset) else list(datasets)
+    sweeps: list[pd.DataFrame] = []
     for part in parts:
         _check_columns(part)
-    runs = [r for part in parts for r in isothermal_runs(part, tolerance, fewest)]
-    if not runs:
+        table = pd.DataFrame({name: part[name].values.astype(float) for name in _NEEDED} | {"good": _trusted(part)})
+        sweeps += [table.iloc[rows] for rows in isothermal_runs(part, tolerance, fewest)]
+    if not sweeps:
         raise InputError(
             f"found no isothermal frequency sweep of {fewest} frequencies within ±{tolerance:g} K; "
             "this experiment needs frequency sweeps at several temperatures"
         )
-    runs.sort(key=lambda r: float(r.values("temperature").mean()))
-    made = _tabulated(runs, modulus_factor(mode, nu), mode, nu)
+    sweeps.sort(key=lambda sweep: float(sweep["temperature"].mean()))
+    made = _tabulated(sweeps, modulus_factor(mode, nu), mode, nu)
     over_time = [part.attrs for part in parts if "u_moduli" in part.attrs]
     return made.assign_attrs(
         {n: max(a[n] for a in over_time) for n in ("moduli_per_parameter", "u_moduli") if over_time}
@@ -179,8 +168,8 @@ def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
     return [rows[known[rows]] for rows in tables_of(dataset)]
 
 
-def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
-    """Return the valid points of every table of rheometer readings.
+def trusted_rows(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
+    """Return the rows of the valid points of every table of rheometer readings.
 
     Raises
     ------
@@ -188,13 +177,14 @@ def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
         A column is missing.
     """
     _check_columns(dataset)
-    return [TableRun(dataset, rows[_trusted(TableRun(dataset, rows))]) for rows in _tables(dataset)]
+    good = _trusted(dataset)
+    return [rows[good[rows]] for rows in _tables(dataset)]
 
 
-def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[TableRun]:
-    """Return the points of every table at one temperature [within `tolerance`, K], of `fewest` frequencies."""
-    temperature = dataset["temperature"].values
-    found = []
+def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[NDArray[np.intp]]:
+    """Return the rows of every table at one temperature [within `tolerance`, K], of `fewest` frequencies."""
+    temperature, frequency = dataset["temperature"].values, dataset["frequency"].values
+    found: list[NDArray[np.intp]] = []
     for rows in _tables(dataset):
         starts, total = [0], 0.0
         for at, value in enumerate(temperature[rows].tolist()):
@@ -203,35 +193,28 @@ def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[
                 starts.append(at)
                 total = 0.0
             total += value
-        runs = (run[dataset["frequency"].values[run] > 0] for run in np.split(rows, starts[1:]))
-        found += [TableRun(dataset, run) for run in runs]
-    return [run for run in found if np.unique(np.round(np.log10(run.values("frequency")), 3)).size >= fewest]
+        found += [run[frequency[run] > 0] for run in np.split(rows, starts[1:])]
+    return [run for run in found if np.unique(np.round(np.log10(frequency[run]), 3)).size >= fewest]
 
 
-def _trusted(run: TableRun) -> Flags:
+def _trusted(dataset: xr.Dataset) -> Flags:
     """Return the points that count: valid, not clipped, torque large enough."""
-    columns, names = run.dataset.variables, ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus")
-    part = {name: columns[name].values[run.rows] for name in names if name in columns}
-    good = part["is_valid"].astype(bool)
-    if "is_clipped" in part:
-        good &= part["is_clipped"] == 0
-    if "status" in part:
-        tokens = [str(text).replace(" ", "").split(",") for text in part["status"]]
+    good = dataset["is_valid"].values.astype(bool)
+    if "is_clipped" in dataset:
+        good &= dataset["is_clipped"].values == 0
+    if "status" in dataset:
+        tokens = [str(text).replace(" ", "").split(",") for text in dataset["status"].values]
         good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens], dtype=bool)
-    good &= np.isfinite(part["storage_modulus"]) & np.isfinite(part["loss_modulus"])
-    return good
+    return good & np.isfinite(dataset["storage_modulus"].values) & np.isfinite(dataset["loss_modulus"].values)
 
 
-def _tabulated(runs: Sequence[TableRun], factor: float, mode: str, nu: float) -> xr.Dataset:
+def _tabulated(sweeps: Sequence[pd.DataFrame], factor: float, mode: str, nu: float) -> xr.Dataset:
     """Put ragged sweeps on the union of their frequencies.
 
     Frequencies that agree within rounding share a column; a frequency that one sweep holds twice has a second column.
     """
-    names = ("frequency", "temperature", "storage_modulus", "loss_modulus")
-    table = pd.concat(
-        pd.DataFrame({name: run.values(name) for name in names} | {"sweep": k, "good": _trusted(run)})
-        for k, run in enumerate(runs)
-    ).sort_values("frequency", kind="stable", ignore_index=True)
+    table = pd.concat(sweep.assign(sweep=k) for k, sweep in enumerate(sweeps))
+    table = table.sort_values("frequency", kind="stable", ignore_index=True)
     group = (np.log(table["frequency"]).diff() > _SAME_FREQUENCY).cumsum()
     table["column"] = table.groupby([group, table.groupby(["sweep", group]).cumcount()]).ngroup()
     table["frequency"] = table.groupby(group)["frequency"].transform("median")
@@ -259,6 +242,6 @@ def _tabulated(runs: Sequence[TableRun], factor: float, mode: str, nu: float) ->
             "nu": nu,
             "modulus_factor": factor,
             "excluded_points": excluded,
-            "work": json.dumps({"isotherms": len(runs), "points": len(table) - excluded}),
+            "work": json.dumps({"isotherms": len(sweeps), "points": len(table) - excluded}),
         },
     )

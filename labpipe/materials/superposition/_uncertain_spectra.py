@@ -5,8 +5,6 @@ solid (no weight below zero) at the temperature and for the times of a predictio
 the data say nothing; there a solid lets the loss go on as it ends.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import xarray as xr
 from scipy import optimize
@@ -31,16 +29,9 @@ _SLOPE_DECADES = 2.0  # at the slow end, over which the loss tells how it goes o
 _MOST_OF_RELAXED = 0.5  # the share of the relaxed modulus that may still relax
 
 
-class UncertainSpectrum(NamedTuple):
-    """One independent change of a material by its standard uncertainty: its name, and the solid."""
-
-    name: str
-    solid: Prony
-
-
 def uncertain_spectra(
     master: xr.Dataset, solid: Prony, temperature: float, times: tuple[float, float], a_T: float
-) -> list[UncertainSpectrum]:
+) -> dict[str, Prony]:
     """Return the independent uncertainties of a material at a temperature, each as a solid.
 
     Parameters
@@ -59,9 +50,9 @@ def uncertain_spectra(
 
     Returns
     -------
-    list of UncertainSpectrum
-        Solids at the reference temperature, each changed by one standard uncertainty, the largest
-        first; then what may go on beyond either end of the window.
+    dict of str to Prony
+        Solids at the reference temperature, each changed by one standard uncertainty, by the name of the change, the
+        largest first; then losses that may go on beyond either end of the window.
     """
     frequency = master["mode_frequency"].values
     order = np.argsort(master["mode_temperature"].values)
@@ -97,16 +88,16 @@ def uncertain_spectra(
     share = np.cumsum((effect @ turned.T) ** 2, axis=1) / np.sum(effect**2, axis=1)[:, None]
     enough = np.flatnonzero((share >= _EVERYWHERE).all(axis=0))
     used = min(int(enough[0]) + 1 if enough.size else turned.shape[0], _MOST_USED)
-    found = []
+    found = {}
     for number in range(used):
         # a weight that would fall below zero leaves its part to the others
         factor = hats @ optimize.nnls(shown, wanted @ turned[number] + shown.sum(axis=1), maxiter=steps)[0]
         changed = Prony(solid.E_relaxed * factor[-1], solid.E * factor[:-1], solid.rho, nu=solid.nu)
-        found.append(UncertainSpectrum(f"DMA, mode {number + 1}", changed))
-    return found + _beyond(solid, frequency, times[0] / a_T, times[1] / a_T)
+        found[f"DMA, mode {number + 1}"] = changed
+    return found | _beyond(solid, frequency, times[0] / a_T, times[1] / a_T)
 
 
-def _beyond(solid: Prony, frequency: Floats, shortest: float, longest: float) -> list[UncertainSpectrum]:
+def _beyond(solid: Prony, frequency: Floats, shortest: float, longest: float) -> dict[str, Prony]:
     """Return the material whose loss goes on beyond an end of the window, where a prediction reaches it."""
     omega = 2.0 * np.pi * frequency
     loss = solid.complex_modulus(omega).imag
@@ -122,17 +113,14 @@ def _beyond(solid: Prony, frequency: Floats, shortest: float, longest: float) ->
     fast = np.full(len(_BEYOND), rises * _RECTANGULAR)
     later = 10.0 ** np.array(_BEYOND) / omega[0]
     sooner = 10.0 ** -np.array(_BEYOND) / omega[-1]
+    slow *= longest * omega[0] > _REACHES
+    fast *= shortest * omega[-1] < 1.0 / _REACHES
     both = (
-        (
-            "DMA, slower than its sweeps",
-            solid.E_relaxed - float(slow.sum()),
-            slow * (longest * omega[0] > _REACHES),
-            later,
-        ),
-        ("DMA, faster than its sweeps", solid.E_relaxed, fast * (shortest * omega[-1] < 1.0 / _REACHES), sooner),
+        ("DMA, slower than its sweeps", solid.E_relaxed - float(slow.sum()), slow, later),
+        ("DMA, faster than its sweeps", solid.E_relaxed, fast, sooner),
     )
-    return [
-        UncertainSpectrum(name, Prony(relaxed, np.append(solid.E, more), np.append(solid.rho, times), nu=solid.nu))
+    return {
+        name: Prony(relaxed, np.append(solid.E, more), np.append(solid.rho, times), nu=solid.nu)
         for name, relaxed, more, times in both
         if more[0] > 0.0
-    ]
+    }

@@ -41,13 +41,10 @@ class Verdict:
     level : {"pass", "doubtful", "fail"}
     reasons : tuple of str
         All reasons against it, one sentence each; empty for a pass.
-    is_violated : bool
-        True where no shifts make the sweeps one curve to their scatter.
     """
 
     level: Level
     reasons: tuple[str, ...]
-    is_violated: bool = False
 
 
 def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
@@ -55,7 +52,7 @@ def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
     objections = list(_objections(found, kk))
     order: tuple[Level, ...] = ("pass", "doubtful", "fail")
     worst = max((order.index(level) for level, _ in objections), default=0)
-    return Verdict(order[worst], tuple(reason for _, reason in objections), found.violation > _VIOLATED)
+    return Verdict(order[worst], tuple(reason for _, reason in objections))
 
 
 def _objections(found: Superposition, kk: KramersKronig) -> Iterator[tuple[Level, str]]:

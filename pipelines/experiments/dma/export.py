@@ -10,7 +10,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, stated
-from labpipe.materials import isothermal_runs, trusted_tables
+from labpipe.materials import isothermal_runs, trusted_rows
 from pipelines.experiments.dma.settings import Dma
 
 
@@ -26,8 +26,8 @@ class Export:
     def good(self) -> np.ndarray:
         """Whether the instrument trusts a row."""
         good = np.zeros(self.data.sizes["sample"], bool)
-        for table in trusted_tables(self.data):
-            good[table.rows] = True
+        for rows in trusted_rows(self.data):
+            good[rows] = True
         return good
 
     @cached_property
@@ -35,7 +35,7 @@ class Export:
         """Isothermal sweeps that have enough trusted rows, each in ascending order of frequency."""
         options, found = self.settings.sweeps, []
         for run in isothermal_runs(self.data, options.tolerance, options.fewest):
-            rows = run.rows[self.good[run.rows]]
+            rows = run[self.good[run]]
             if rows.size >= options.fewest:
                 rows = rows[np.argsort(self.data["frequency"].values[rows], kind="stable")]
                 found.append(Sweep(self, rows, float(self.data["temperature"].values[rows].mean())))

@@ -8,7 +8,7 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.materials import form_factor, gather_sweeps, modulus_factor, trusted_tables, with_responses
+from labpipe.materials import form_factor, gather_sweeps, modulus_factor, trusted_rows, with_responses
 from labpipe.uncertainty import Input, linear_budget
 from labpipe.units import Quantity
 from labpipe.variables import variable
@@ -94,8 +94,8 @@ def _scale(readings: list[xr.Dataset], settings: Dma) -> Quantity:
     own = form_factor(settings.mode, **entered)
     columns = ("storage_modulus", "loss_modulus", "torque", "deflection_angle")
     if settings.mode == "torsion" and all(set(columns) <= set(one) for one in readings):
-        runs = [run for one in readings for run in trusted_tables(one)]
-        storage, loss, torque, angle = (np.concatenate([run.values(name) for run in runs]) for name in columns)
+        runs = [one.isel(sample=rows) for one in readings for rows in trusted_rows(one)]
+        storage, loss, torque, angle = (np.concatenate([run[name].values for run in runs]) for name in columns)
         own = float(np.nanmedian(np.hypot(storage, loss) * angle / torque))
     value = scale.value * factor.value / own
     return Quantity(value, value * hypot(scale.u / scale.value, factor.u / factor.value), "1")
@@ -105,11 +105,11 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
     factor = modulus_factor(settings.mode, settings.nu.value) * _scale(readings, settings).value
     ramps = []
-    for run in (run for dataset in readings for run in trusted_tables(dataset) if run.rows.size):
-        frequency, T = run.values("frequency"), run.values("temperature")
+    for run in (one.isel(sample=rows) for one in readings for rows in trusted_rows(one) if rows.size):
+        frequency, T = run["frequency"].values, run["temperature"].values
         constant = np.ptp(frequency) < _ONE_FREQUENCY * np.median(frequency)
         if constant and np.ptp(T) >= _LEAST_RAMP and T.size >= glass_transition.FEWEST:
-            moduli = (factor * run.values(name) for name in ("storage_modulus", "loss_modulus"))
+            moduli = (factor * run[name].values for name in ("storage_modulus", "loss_modulus"))
             ramps.append(glass_transition.Ramp(float(np.median(frequency)), T, *moduli))
     if not ramps:
         return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})

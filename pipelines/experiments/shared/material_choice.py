@@ -91,7 +91,7 @@ def variations(
         best = fitted_at(fitted, None)
         where = float(fitted["T_ref"]) if stated is None else stated.value
         slower, stiffer = _shift(fitted, where)
-        for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower):
+        for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower).items():
             found[name] = Variation(Quantity(0.0, 1.0, "1"), 1.0, solid.shifted(slower, stiffer))
         u_scale = float(fitted.attrs["u_scale"])
         if u_scale > 0.0:
@@ -112,7 +112,7 @@ def poissons_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset
     """Return Poisson's ratio of the material that the settings name; arguments as for :func:`resolve`."""
     if fitted is not None:
         return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
-    known = materials.describe(choice.material or "") if file is None else materials.read_material(file)
+    known = materials.describe(choice.material or "" if file is None else file)
     return next(Quantity(e.value, e.u, "1") for e in known.entries if e.name == "poisson")
 
 

@@ -50,7 +50,7 @@ def derivatives(evidence):
 
 def test_model_predicts_what_the_simulator_gives(evidence) -> None:
     assert np.allclose(evidence.model.predict(SOLID, GIVEN), evidence.values, rtol=1e-3)
-    assert np.allclose(evidence.model.refined(SOLID, GIVEN), evidence.values, rtol=1e-4)
+    assert np.allclose(evidence.model.predict(SOLID, GIVEN, is_full=True), evidence.values, rtol=1e-4)
 
 
 @pytest.mark.parametrize(("name", "change"), [("mass", 0.01), ("radius", 2e-4), ("modulus", 0.02)])
@@ -101,7 +101,7 @@ def test_terms_quicker_than_a_contact_are_dashpots(evidence) -> None:
     # a tenth of the modulus in place of a differential: the effect is linear in a small viscosity
     more = Prony(2e9, [1e8, 3e8, 2e8], [1e-8, 1e-7, 1e-4], nu=0.35)
     full = replace(evidence.model, rtol=1e-5)
-    direct = (full.refined(more, GIVEN) - full.refined(quick, GIVEN)) / 2e8
+    direct = (full.predict(more, GIVEN, is_full=True) - full.predict(quick, GIVEN, is_full=True)) / 2e8
     assert np.allclose(made[:5, 2], direct[:5], rtol=0.15, atol=0.02 * np.abs(made[:5, 3]).max())
 
 

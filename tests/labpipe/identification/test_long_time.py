@@ -1,44 +1,18 @@
 """What a record of ten minutes says of the modulus that is left for good."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from labpipe.identification import (
-    LongTimeModulus,
-    Parameter,
-    Problem,
-    SmoothSpectrum,
-    force_evidence,
-    infer,
-    lee_radok_basis,
-    long_time_modulus,
-    relaxation_times,
-)
+from labpipe.identification import LongTimeModulus, infer, long_time_modulus
 from pipelines.rig.solids import Element, Viscoelastic
+from tests.labpipe.identification.holds import hold
 
-_RAMP, _AREA, _GAIN, _NOISE = 0.1, 1.6e-6, 2e-3, 1e-3
+_GAIN = 2e-3
 
 
 def told(solid: Viscoelastic, seed: int, longest: float = 600.0) -> LongTimeModulus:
     """A hold, read to 0.1 %, of a fractional solid that no series equals."""
-    rng = np.random.default_rng(seed)
-    lag = np.geomspace(0.2, longest, 42)
-    end = lag + _RAMP
-    clean = (end * solid.mean_relaxation(end) - lag * solid.mean_relaxation(lag)) / _RAMP
-    clean *= _AREA / (1.0 - solid.nu**2)
-    force = clean * (1.0 + _GAIN * rng.standard_normal() + _NOISE * rng.standard_normal(lag.size))
-    time = np.concatenate([np.linspace(0.0, _RAMP, 41), end])
-    area = _AREA * np.minimum(time / _RAMP, 1.0)
-
-    def rebuilt(rho: np.ndarray) -> Any:
-        basis = lee_radok_basis(time, area, rho, solid.nu)[41:]
-        return (force_evidence("hold", lag, force, _NOISE * clean, basis, factors=("gain",)),)
-
-    spectrum = SmoothSpectrum(relaxation_times(0.2, longest), solid.nu)
-    gain = Parameter("gain", 1.0, _GAIN, "1", "gain", is_nuisance=True)
-    return long_time_modulus(infer(Problem(spectrum, rebuilt(spectrum.rho), (gain,)), rebuilt))
+    return long_time_modulus(infer(*hold(solid, seed, shortest=0.2, longest=longest, noise=1e-3, gain=_GAIN)))
 
 
 @pytest.mark.parametrize("order", [0.08, 0.15, 0.3])

@@ -12,14 +12,12 @@ from pipelines.bench.master_curve import FRACTIONAL, MAXWELL
 
 @dataclass(frozen=True)
 class Truth:
-    """A material with its shift law: E(ω, T) = b_T E(a_T ω, T_ref), and what a rig makes of it."""
+    """A material with its shift law, E(ω, T) = E(a_T ω, T_ref), and the delay of a rig's phase [s]."""
 
     T_ref: float
     modulus: Callable[[np.ndarray], np.ndarray]
     shift: Callable[[np.ndarray], np.ndarray]
-    lognormal: bool = False
     delay: float = 0.0
-    is_entropic: bool = False
     temperature: tuple[float, ...] = tuple(np.linspace(-40.0, 120.0, 12))
     frequency: tuple[float, ...] = tuple(np.logspace(-1, 1, 11))
 
@@ -27,23 +25,17 @@ class Truth:
     def log10_aT(self) -> np.ndarray:
         return self.shift(np.array(self.temperature)) - self.shift(np.array(self.T_ref))
 
-    @property
-    def b_T(self) -> np.ndarray:
-        kelvin = np.array(self.temperature) + 273.15
-        return kelvin / (self.T_ref + 273.15) if self.is_entropic else np.ones(kelvin.size)
-
     def clean(self) -> np.ndarray:
         """Complex modulus over (temperature, frequency), without the instrument."""
         omega = 2 * np.pi * np.array(self.frequency)
-        return self.b_T[:, None] * self.modulus(omega * 10.0 ** self.log10_aT[:, None])
+        return self.modulus(omega * 10.0 ** self.log10_aT[:, None])
 
     def sweeps(self, seed: int, storage: float = 0.02, loss: float = 0.02) -> xr.Dataset:
         """Dataset with relative noise on either modulus."""
         rng = np.random.default_rng(seed)
         phase = 2 * np.pi * np.array(self.frequency) * self.delay
         measured = self.clean() * np.exp(1j * phase)
-        noise = [level * rng.standard_normal(measured.shape) for level in (storage, loss)]
-        factors = [np.exp(n) if self.lognormal else 1 + n for n in noise]
+        factors = [1 + level * rng.standard_normal(measured.shape) for level in (storage, loss)]
         dims = ("temperature", "frequency")
         return xr.Dataset(
             {
@@ -64,7 +56,7 @@ def maxwell_truth():
 
 @pytest.fixture(scope="session")
 def fractional_truth():
-    return Truth(40.0, FRACTIONAL.modulus, FRACTIONAL.shift, lognormal=True)
+    return Truth(40.0, FRACTIONAL.modulus, FRACTIONAL.shift)
 
 
 @pytest.fixture(scope="session")

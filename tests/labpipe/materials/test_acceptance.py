@@ -139,7 +139,6 @@ def two_processes(seed, share=1.0, factor=lambda T: 1.0, delay=0.0, noise=0.02):
 def test_two_processes_that_shift_apart_do_not_pass():
     found = quiet(two_processes(11, 0.4)[0], 50.0)
     assert found.verdict.level != "pass"
-    assert found.verdict.is_violated
     assert "does not hold to the noise" in found.verdict.reasons[0]
 
 

@@ -94,12 +94,6 @@ def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, facto
     assert found.verdict.level == "pass"
 
 
-@pytest.mark.parametrize("factor", [1e150, 1e-150])
-def test_moduli_of_no_material_are_refused(maxwell_truth, factor):
-    with pytest.raises(InputError, match=r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"):
-        master_curve(maxwell_truth.sweeps(6) * factor, T_ref=60.0)
-
-
 def test_result_is_one_dataset_with_units(curve, tmp_path):
     stored = curve.to_dataset()
     for name in stored.data_vars:
@@ -121,12 +115,6 @@ def quiet(sweeps, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return master_curve(sweeps, **options)
-
-
-def changed(truth, change):
-    sweeps = truth.sweeps(5)
-    change(sweeps)
-    return sweeps
 
 
 def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
@@ -166,54 +154,40 @@ def test_stiff_glass_is_barely_determined_and_says_so(maxwell_truth):
 
 
 def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
-    def blank(sweeps):
-        sweeps["storage"][0] = np.nan
-        sweeps["loss"][0] = np.nan
-
+    sweeps = maxwell_truth.sweeps(5)
     with pytest.warns(UserWarning, match="no valid point at -40 °C"):
-        found = master_curve(changed(maxwell_truth, blank), T_ref=60.0)
+        found = master_curve(sweeps.where(sweeps["temperature"] > -39.0), T_ref=60.0)
     assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
 
 
-def test_storage_that_falls_with_frequency_is_named(maxwell_truth):
-    def resonance(sweeps):
-        sweeps["storage"][5, -3:] *= np.array([0.9, 0.7, 0.5])
-
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        master_curve(changed(maxwell_truth, resonance), T_ref=60.0)
-    assert any("falls with frequency" in str(w.message) and "32.7" in str(w.message) for w in caught)
+def with_value(name, value):
+    return lambda sweeps: sweeps.assign({name: sweeps[name].where(np.arange(132).reshape(12, 11) != 25, value)})
 
 
-def set_value(name, value):
-    def change(sweeps):
-        sweeps[name][2, 3] = value
-
-    return change
-
-
-def set_unit(name, unit):
-    return lambda sweeps: sweeps[name].attrs.update(units=unit)
-
-
-def negate_loss(sweeps):
-    sweeps["loss"] = (-sweeps["loss"]).assign_attrs(units="Pa")
+def in_unit(name, unit):
+    return lambda sweeps: sweeps.assign_coords({name: sweeps[name].assign_attrs(units=unit)})
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (set_value("storage", -1.0), r"storage modulus zero, negative.*-10.9091 °C, 0.3981 Hz"),
-        (set_value("storage", np.inf), "infinite at 1 points"),
-        (negate_loss, "132 of 132 points.*sign convention"),
-        (set_unit("storage", "MPa"), '"storage" is in "MPa", expected "Pa"'),
-        (set_unit("temperature", "K"), '"temperature" is in "K", expected "degC"'),
-        (set_unit("frequency", "rad/s"), '"frequency" is in "rad/s", expected "Hz"'),
+        (with_value("storage", -1.0), r"storage modulus zero, negative.*-10.9091 °C, 0.3981 Hz"),
+        (with_value("storage", np.inf), "infinite at 1 points"),
+        (lambda sweeps: sweeps.assign(loss=-sweeps["loss"]), "132 of 132 points.*sign convention"),
+        (in_unit("storage", "MPa"), '"storage" is in "MPa", expected "Pa"'),
+        (in_unit("temperature", "K"), '"temperature" is in "K", expected "degC"'),
+        (in_unit("frequency", "rad/s"), '"frequency" is in "rad/s", expected "Hz"'),
+        (lambda sweeps: sweeps * 1e150, r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"),
+        (lambda sweeps: sweeps * 1e-150, r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"),
+        (lambda sweeps: sweeps.drop_vars("loss"), "lack loss"),
+        (lambda sweeps: sweeps.isel(frequency=0), "has dimensions"),
+        (lambda sweeps: sweeps.isel(frequency=[0], temperature=[0]), "only 1 points"),
+        (lambda sweeps: sweeps.assign_coords(frequency=-sweeps["frequency"]), "positive, finite"),
     ],
 )
 def test_unusable_sweeps_are_refused(maxwell_truth, change, message):
     with pytest.raises(InputError, match=message):
-        master_curve(changed(maxwell_truth, change))
+        master_curve(change(maxwell_truth.sweeps(5)))
 
 
 @pytest.mark.parametrize(
@@ -229,18 +203,6 @@ def test_unusable_sweeps_are_refused(maxwell_truth, change, message):
 def test_unknown_options_are_refused(maxwell_truth, options, message):
     with pytest.raises(InputError, match=message):
         master_curve(maxwell_truth.sweeps(5), **options)
-
-
-def test_missing_variables_and_dimensions_are_named(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(5)
-    with pytest.raises(InputError, match="lack loss"):
-        master_curve(sweeps.drop_vars("loss"))
-    with pytest.raises(InputError, match="has dimensions"):
-        master_curve(sweeps.isel(frequency=0))
-    with pytest.raises(InputError, match="only 1 points"):
-        master_curve(sweeps.isel(frequency=[0], temperature=[0]))
-    with pytest.raises(InputError, match="positive, finite"):
-        master_curve(sweeps.assign_coords(frequency=-sweeps["frequency"]).assign_attrs())
 
 
 def random_material(seed, truth):

@@ -45,6 +45,20 @@ def test_convolution_of_creep_and_relaxation_is_the_time():
         assert area == pytest.approx(t, rel=1e-10)
 
 
+def test_maxwell_element_and_standard_linear_solid_are_as_printed_in_the_thesis():
+    time, x = np.array([0.0, 0.1, 1.0, 7.0, 50.0]), np.array([0.01, 0.3, 1.0, 20.0])
+    spring, dashpot, unrelaxed = 2e6, 6e6, 8e6
+    tau, beta = dashpot / spring, unrelaxed / spring
+    element = Prony(0.0, [spring], [tau])
+    np.testing.assert_allclose(element.relaxation(time), spring * np.exp(-time / tau))  # (1.33)
+    np.testing.assert_allclose(element.creep(time), 1 / spring + time / dashpot)  # (1.34)
+    np.testing.assert_allclose(element.complex_modulus(x / tau), spring * (x**2 + 1j * x) / (1 + x**2))  # (1.36)
+    solid = Prony(spring, [unrelaxed - spring], [tau])
+    np.testing.assert_allclose(solid.relaxation(time), spring + (unrelaxed - spring) * np.exp(-time / tau))  # (1.37)
+    creep = 1 / spring + (1 / unrelaxed - 1 / spring) * np.exp(-time / (beta * tau))  # (1.40)
+    np.testing.assert_allclose(solid.creep(time), creep, rtol=1e-13)
+
+
 def test_zero_weights_are_dropped_and_equal_times_added():
     solid = Prony(1.0, [1.0, 0.0, 2.0, 3.0], [5.0, 7.0, 1.0, 5.0])
     np.testing.assert_array_equal(solid.E, [2.0, 4.0])

@@ -13,7 +13,6 @@ RHO = np.geomspace(1e-6, 1e6, 60)
 SOLID = Prony(5e6, 1e8 / (1 + np.log10(RHO) ** 2), RHO, nu=0.4)
 LIQUID = Prony(0.0, 1e8 / (1 + (np.log10(RHO) + 2) ** 2), RHO, nu=0.4)
 TIME = np.geomspace(0.05, 500, 120)
-LEVELS = {20.0: 1.0, 40.0: 0.0, 60.0: -1.0}
 
 
 def rms(found, truth):
@@ -37,23 +36,18 @@ def test_relaxation_and_creep_give_the_moduli_inside_their_times(material, noise
     assert found.attrs["u_moduli"] < 0.005 + noise
 
 
-def readings(temperatures=LEVELS, name="relaxation_modulus", temperature=True):
-    tables = [
-        getattr(SOLID.shifted(10 ** LEVELS[t]), "creep" if name == "creep_compliance" else "relaxation")(TIME)
-        for t in temperatures
-    ]
-    made = xr.Dataset(
-        {"time": ("sample", np.tile(TIME, len(tables))), name: ("sample", np.concatenate(tables))},
-        attrs={"tests": json.dumps([{"rows": TIME.size}] * len(tables)), "source": "holds.csv"},
-    )
-    return made.assign(temperature=("sample", np.repeat(list(temperatures), TIME.size))) if temperature else made
+def a_hold():
+    """Readings of one relaxation at 20 °C."""
+    columns = {"time": TIME, "relaxation_modulus": SOLID.shifted(10.0).relaxation(TIME), "temperature": 20.0 + 0 * TIME}
+    attrs = {"tests": json.dumps([{"rows": TIME.size}]), "source": "holds.csv"}
+    return xr.Dataset({name: ("sample", values) for name, values in columns.items()}, attrs=attrs)
 
 
 def test_they_join_the_sweeps_of_a_file():
     frequency = np.geomspace(0.1, 10, 9)
     modulus = SOLID.complex_modulus(2 * np.pi * frequency)
     blank = np.full(TIME.size, np.nan)
-    holds = readings([20.0])
+    holds = a_hold()
     both = xr.Dataset(
         {
             "frequency": ("sample", np.concatenate([frequency, blank])),
@@ -74,6 +68,6 @@ def test_they_join_the_sweeps_of_a_file():
 def test_readings_without_such_tests_stay_as_they_are():
     plain = xr.Dataset({"frequency": ("sample", [1.0])}, attrs={"tests": '[{"rows": 1}]'})
     assert with_responses(plain) is plain
-    short = readings([20.0]).isel(sample=slice(0, 5)).assign_attrs(tests='[{"rows": 5}]')
+    short = a_hold().isel(sample=slice(0, 5)).assign_attrs(tests='[{"rows": 5}]')
     with pytest.raises(InputError, match=r"holds.csv: no test over time can be used: found 5 readings after the step"):
         with_responses(short)

@@ -121,7 +121,7 @@ def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_sess
     # the true material predicts what was seen, within height and readings
     given = {p.name: p.mean for p in proof.unknowns}
     model = replace(evidence.model, rtol=1e-4)
-    predicted = model.refined(materials.load("acrylic"), given)
+    predicted = model.predict(materials.load("acrylic"), given, is_full=True)
     assert np.abs(predicted / evidence.values - 1).max() < 0.03
 
 

@@ -30,7 +30,7 @@ def simulated(results: Results, solid: Prony) -> tuple[np.ndarray, np.ndarray, n
     truth = json.loads((results.folder / "truth/nbr.json").read_text(encoding="utf-8"))
     given = {p.name: p.mean for p in told.unknowns}
     given["nbr first touch"] = truth["surface"] - touch.value
-    made = told.build(np.asarray(solid.rho)).model.refined(solid, given)
+    made = told.build(np.asarray(solid.rho)).model.predict(solid, given, is_full=True)
     known = [np.array([o[f"{part}_stiffness"] for o in truth["oscillations"]]) for part in ("storage", "loss")]
     return made, np.concatenate(known), np.tile(np.hypot(*known), 2)
 

@@ -115,7 +115,7 @@ def test_a_weight_that_the_sweeps_hardly_show_is_not_blown_up() -> None:
         coords={"mode_frequency": frequency, "mode_temperature": [0.0, 40.0]},
     )
     made = uncertain_spectra(master, solid, 20.0, (1e-4, 1e-2), 1.0)
-    weights = np.array([one.solid.E[:9] for one in made if "mode" in one.name])
+    weights = np.array([changed.E[:9] for name, changed in made.items() if "mode" in name])
     assert np.abs(weights / solid.E - 1).max() < 1.0
 
 
