@@ -32,8 +32,8 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False, seed: int 
     full_size : bool
         Films at the camera's full size instead of a reduced one.
     seed : int, optional
-        Of ``thesis`` and ``thesis-small``: radius, mass, scales, inclinations, load cell and punch of the rig differ
-        from the stated ones, by chance within the stated uncertainties. By default the bundled draw.
+        Of ``thesis`` and ``thesis-small``: all that session.toml and the calibration records state is off the truth
+        by chance, within the stated uncertainties. By default the bundled draw.
 
     Returns
     -------

@@ -6,6 +6,7 @@ disc, at room temperature and heated; PTFE is loaded step by step; rubber is ind
 all five materials go through the rheometer. Independent recordings are written side by side.
 """
 
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
 from pipelines.rig import film_front, film_session, film_under, session_text
@@ -29,7 +31,7 @@ from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG, plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
 from pipelines.rig.relaxations import TESTER, Relaxation
-from pipelines.rig.solids import SAPPHIRE, SOLIDS, Viscoelastic, specimen_of
+from pipelines.rig.solids import ROOM, SAPPHIRE, SOLIDS, Viscoelastic, specimen_of
 from pipelines.rig.static_loading import StaticRig, record_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
@@ -43,6 +45,7 @@ _TIMES_OF_FALL = {"acrylic": 22.0, "nylon": 16.0, "peek": 56.0, "ptfe": 4.0}
 _AT_REST, _WHOLE = 0.2, 0.05
 """s that are recorded of it then, and of which a record's length is a multiple."""
 
+_STATED, _MOST_NU = re.compile(r'(\w+) = "(\d[\d.]*) ± ([\d.]+)'), 0.5
 _DROPS = "\n[[experiments.plate.drops]]"
 _ON_PLATE = 'plate_from = "plate"\n'
 
@@ -109,37 +112,35 @@ SMALL = replace(
 
 
 def drawn(extent: Extent, seed: int) -> Extent:
-    """Return a campaign whose rig differs from the stated one, each value by chance within its stated uncertainty."""
-    generator = np.random.default_rng(seed)
+    """Return a campaign with noise of its own, on a disc whose modulus is off that of the library by its u.
 
-    def off(u: float) -> float:
-        return float(u * generator.standard_normal())
+    What its session and records state is off the truth too, see :func:`misstated`.
+    """
+    disc = SAPPHIRE / (1.0 + 10 / 403 * float(np.random.default_rng(seed).standard_normal()))
+    on_disc = {name: replace(getattr(extent, name), disc=disc) for name in ("rig", "plate_rig", "static")}
+    return replace(extent, **on_disc, seed=1_000_000 * seed)
 
-    radius, mass = extent.rig.radius + off(5e-6), extent.rig.mass + off(0.5e-3)
 
-    def rig(one: DropRig, stated: float) -> DropRig:
-        sensor = replace(one.sensor, inclination=float(np.deg2rad(stated + off(session_text.U_INCLINATION))))
-        return replace(one, radius=radius, mass=mass, sensor=sensor)
+def misstated(text: str, extent: Extent, file: str) -> str:
+    """Return a text of a session in which every value with ± is off the true one by chance, within its uncertainty.
 
-    laser = rig(extent.rig, session_text.STATED_INCLINATION)
-    under, front = extent.under.pixel_size, extent.front.pixel_size
-    # a pixel in 461 and 0.5 µm of a ruler; 1.5 pixels in 386 and 0.02 mm of 30 mm between the holder's edges
-    by_ruler, by_holder = off(np.hypot(1 / 461, 0.5e-6 / (461 * under))), off(np.hypot(1.5 / 386, 0.02 / 30))
-    on_plate = rig(extent.plate_rig, session_text.STATED_ON_PLATE)
-    tester, tip_radius = replace(extent.tester, force_gain=1.0 + off(1e-3)), extent.tip_radius + off(2e-6)
-    disc = SAPPHIRE / (1.0 + off(10 / 403))
-    sensor = replace(extent.static.sensor, inclination=laser.sensor.inclination)
-    return replace(
-        extent,
-        rig=replace(laser, disc=disc),
-        plate_rig=replace(on_plate, disc=disc),
-        under=replace(extent.under, pixel_size=under * (1.0 + by_ruler)),
-        front=replace(extent.front, pixel_size=front * (1.0 + by_holder)),
-        static=replace(extent.static, radius=radius, sensor=sensor, disc=disc),
-        tester=tester,
-        tip_radius=tip_radius,
-        seed=1_000_000 * seed,
-    )
+    Equal statements are of one measurement, such as the mass of the sphere, but those of heights and of moduli.
+    """
+    true = {("temperature", session_text.STATED_ROOM): ROOM, ("temperature", HEATED): HEATED + _THERMOMETER}
+    true |= {("nu", float(nu.split()[0])): SOLIDS[name].nu for name, nu in session_text.STATED_NU.items()}
+    lasers = {session_text.STATED_INCLINATION: extent.rig, session_text.STATED_ON_PLATE: extent.plate_rig}
+    true |= {("inclination", deg): float(np.rad2deg(rig.sensor.inclination)) for deg, rig in lasers.items()}
+
+    def off(match: re.Match[str]) -> str:
+        name, value, u = match[1], float(match[2]), match[3]
+        place = [*file.encode(), match.start()] if name in ("height", "scale") else []
+        random = np.random.default_rng([extent.seed, *match[0].encode(), *place])
+        while True:
+            found = true.get((name, value), value) + float(u) * float(random.standard_normal())
+            if name != "nu" or found < _MOST_NU:  # nobody states more for an isotropic solid
+                return f'{name} = "{found:.{len(u)}f} ± {u}'
+
+    return _STATED.sub(off, text)
 
 
 Part = tuple[tuple[str, ...], Callable[[], str]]
@@ -171,6 +172,9 @@ def write_campaign(
         write_calibration_images(folder)
     sections = joined([found[number] for number in tasks])
     session_text.write_session(folder, title, sections, is_binned=extent.bursts is not None)
+    if extent.seed:
+        for path in (folder / "session.toml", *(folder / "calibration").glob("*.toml")):
+            files.write_text(path, misstated(path.read_text("utf-8"), extent, path.name))
     return list(dict.fromkeys(name for names, _ in parts for name in names))
 
 

@@ -20,8 +20,8 @@ NOTE = (
 _ENVIRONMENT = Environment(trim_blocks=True, keep_trailing_newline=True)  # noqa: S701 - TOML, not HTML
 _ENVIRONMENT.filters["mm"] = lambda length: f"{length * 1e3:g}"
 _TEXTS = _ENVIRONMENT.from_string(Path(__file__).with_name("session.toml.jinja").read_text("utf-8"))
-_STATED_ROOM = 20.0  # degC; the truth differs within its u of 0.5 K
-_STATED_NU = {
+STATED_ROOM = 20.0  # degC; the truth differs within its u of 0.5 K
+STATED_NU = {
     "nbr": "0.490 ± 0.005",
     "acrylic": "0.35 ± 0.01",
     "peek": "0.38 ± 0.01",
@@ -118,7 +118,7 @@ def from_library(material: str) -> str:
 
 def from_dma(material: str, temperature: float | None = None) -> str:
     """Return the lines that take a material from its DMA experiment, in the room or heated [degC]."""
-    stated = f"{_STATED_ROOM:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
+    stated = f"{STATED_ROOM:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
     warm = "" if temperature is None else "homogeneous = true  # it was warmed through\n"
     return f'material_from = "{dma_name(material)}"\ntemperature = "{stated} degC"\n{warm}'
 
@@ -146,5 +146,5 @@ def dma_section(name: str, export: str, solid: Solid) -> str:
     """
     vertical = "rho_T" if solid.is_entropic else "linear"
     law = "" if solid.T_ref <= _WARMEST else 'law = "arrhenius"  # T_ref is above the sweeps\n'
-    nu = _STATED_NU.get(name.removesuffix("_dma"), f"{solid.nu:g}")
+    nu = STATED_NU.get(name.removesuffix("_dma"), f"{solid.nu:g}")
     return section("dma", name=name, export=export, solid=solid, nu=nu, vertical=vertical, law=law)
