@@ -1,5 +1,6 @@
 """The campaign's plan: the experiments of the thesis, and a rig that a seed draws."""
 
+import re
 from collections import Counter
 from datetime import datetime
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from labpipe.errors import UsageError
 from pipelines.rig import campaign
 from pipelines.rig.samples import write_sample
+from pipelines.rig.solids import ROOM
 
 
 def test_the_campaign_holds_what_the_thesis_did(tmp_path: Path) -> None:
@@ -26,15 +28,21 @@ def test_the_campaign_holds_what_the_thesis_did(tmp_path: Path) -> None:
     assert (campaign.THESIS.repeats, campaign.THESIS.plate_repeats) == (5, 3)
 
 
-def test_a_seed_draws_the_rig_within_what_the_session_states() -> None:
-    one, again, other = (campaign.drawn(campaign.SMALL, seed) for seed in (1, 1, 2))
-    assert one == again != other
-    drawn = [campaign.drawn(campaign.SMALL, seed) for seed in range(400)]
-    masses = np.array([extent.rig.mass for extent in drawn]) - 0.505
-    sizes = np.array([extent.under.pixel_size for extent in drawn]) / campaign.SMALL.under.pixel_size - 1.0
-    for errors, u in ((masses, 0.5e-3), (sizes, np.hypot(1 / 461, 0.0005 / 2))):
+def test_by_a_seed_every_stated_value_is_off_the_truth_by_its_uncertainty() -> None:
+    text = 'mass = "505.0 ± 0.5 g"\nheight = "1.5 ± 0.005 mm"\nnu = "0.490 ± 0.005"\nheight = "1.5 ± 0.005 mm"\n'
+    text += 'mass = "505.0 ± 0.5 g"\ntemperature = "20.0 ± 0.5 degC"\nsynthetic = true\n'
+    extents = [campaign.drawn(campaign.SMALL, seed) for seed in range(1, 401)]
+    made = [campaign.misstated(text, extent, "session.toml") for extent in extents]
+    assert made[0] == campaign.misstated(text, extents[0], "session.toml")
+    values = np.array([[float(value) for value in re.findall(r'"([\d.]+) ±', one)] for one in made])
+    mass, height, nu, other, again, temperature = values.T
+    assert (mass == again).all()  # one measurement
+    assert (height != other).all()
+    assert nu.max() < 0.5
+    for errors, u in ((mass - 505.0, 0.5), (height - 1.5, 0.005), (other - 1.5, 0.005), (temperature - ROOM, 0.5)):
         assert np.std(errors) == pytest.approx(u, rel=0.15)  # its own scatter is u/√800, 3.5 %
         assert abs(np.mean(errors)) < 4.0 * u / 20.0
+    assert all(one.endswith('degC"\nsynthetic = true\n') for one in made)
 
 
 def test_a_sample_that_no_seed_draws_is_refused(tmp_path: Path) -> None:
