@@ -94,7 +94,6 @@ def test_the_installed_guide_is_small_whole_and_leads_nowhere_else() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*Check CHANGES for Sphinx API")  # of the parser of the texts, not ours
 def test_the_built_site_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="the extra guide is not installed")
     first = build(tmp_path / "site")
