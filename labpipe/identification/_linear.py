@@ -101,7 +101,7 @@ def stiffness_evidence(
     then loss.
     """
     omega = 2.0 * np.pi * frequency
-    reduced = np.vstack(modulus_basis(omega, rho)) / (1.0 - nu**2)
+    reduced = modulus_basis(omega, rho).reshape(2 * omega.size, -1) / (1.0 - nu**2)
     shifts = {n: np.tile(d, 2)[:, None] * reduced for n, d in (slope_by or {}).items()}
     window = 1.0 / float(omega.max()), 1.0 / float(omega.min())
     model = LinearModel(np.tile(slope, 2)[:, None] * reduced, window, shifts, factors, dict(offsets or {}), fuller)

@@ -218,7 +218,7 @@ def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
 
 def _fits(found: Identified) -> tuple[Block, ...]:
     made = predictive_bands(found.known)
-    squares = [np.mean(((b.group.values - b.predicted) / b.group.u) ** 2) for b in made]
+    squares = [float(np.mean(((b.group.values - b.predicted) / b.group.u) ** 2)) for b in made]
     rows = [
         (b.evidence, b.group.name, b.predicted.size, square, 100 * b.misfit.relative, b.misfit.correlation)
         for b, square in zip(made, squares, strict=True)

@@ -64,7 +64,7 @@ def dataset(found: Identified) -> xr.Dataset:
         "lowest_frequency": ((), low, described("Hz", "lowest frequency determined by the data")),
         "highest_frequency": ((), high, described("Hz", "highest frequency determined by the data")),
     }
-    table |= {name: curve[name].variable for name in curve}
+    table |= {str(name): curve[name].variable for name in curve}
     table |= _parameters(found) | _observations(found)
     chances = structure(found)
     table["structure_name"] = ("structure", list(chances), described("1", "structure of the spectrum"))
