@@ -65,7 +65,7 @@ class Attempt:
         """Zero-normalised cross-correlation (point,)."""
         return self.quality[:, 2]
 
-    def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
+    def take(self, chosen: Integers, found: Solution, better: Flags | slice = slice(None)) -> None:
         """Replace the results of chosen points where the new ones are better."""
         where = chosen[better]
         for name in ("motion", "quality", "covariance", "hidden", "code"):
@@ -181,7 +181,7 @@ class Tracker:
             found = self.solve(loaded, chosen, expected[chosen])
         attempt = Attempt.nothing(expected)
         attempt.iterations[chosen] = found.iterations
-        attempt.take(chosen, found, np.ones(len(chosen), bool))
+        attempt.take(chosen, found)
         apart = np.hypot(*(attempt.motion - expected)[:, [0, 3]].T)
         alike = attempt.zncc > DROP * self.last_zncc
         attempt.trusted = self.accepts(attempt.code, attempt.zncc) & alike & (apart <= SURPRISE)
