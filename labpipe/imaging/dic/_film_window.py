@@ -57,7 +57,7 @@ def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None)
     import cv2
 
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(4.0 * blur)) + 1, blur, cv2.CV_32F)
-    pixels = np.ascontiguousarray(image, image.dtype if image.dtype in (np.uint8, np.uint16) else np.float32)
+    pixels = np.ascontiguousarray(image, np.uint8 if image.dtype == np.uint8 else np.float32)
     cv2.sepFilter2D(pixels, cv2.CV_32F, kernel, kernel, out, borderType=cv2.BORDER_REFLECT_101)
     return out
 
@@ -82,7 +82,7 @@ class FilmWindow:
         _, self._rows, self._columns = frames.shape
         self._box: Box | None = None
         self._part = frames
-        self._buffers: list[Floats32 | None] = [None, None]
+        self._coefficients: Floats32 | None = None
         self._grey: Floats32 | None = None
         self.frames_read = 0
         self.pixels_read = 0
@@ -106,7 +106,7 @@ class FilmWindow:
         return (low[0], high[0], low[1], high[1])
 
     def load(self, index: int, box: Box) -> Loaded:
-        """Read a rectangle of a frame; the result is valid until the second next call."""
+        """Read a rectangle of a frame; the result is valid until the next call."""
         if box != self._box:
             left, right, top, bottom = box
             is_whole = box == self.whole
@@ -119,9 +119,8 @@ class FilmWindow:
         window = self._exact_window(box)
         if image.dtype.kind == "f" and not np.isfinite(grey).all():
             return Loaded(box, window, None)
-        self._buffers.reverse()
-        self._buffers[0] = prefilter(grey, self._order, self._buffers[0], overwrite_image=True)
-        return Loaded(box, window, self._buffers[0])
+        self._coefficients = prefilter(grey, self._order, self._coefficients, overwrite_image=True)
+        return Loaded(box, window, self._coefficients)
 
     def read_whole(self, index: int) -> tuple[Floats32, Loaded]:
         """Read a whole frame outside the alternation of :meth:`load`; grey levels as well."""

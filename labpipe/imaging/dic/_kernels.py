@@ -22,10 +22,11 @@ RIGID, AFFINE, AUTO = 0, 1, 2
 _FIRST_SHRINK = 0.5
 # Longest stretch of a step: noise then holds three quarters of the squared slopes.
 _MOST_RELAXATION = 4.0
-# Change of the position along a row of pixels (px), against the pixels' numbers, that counts as none.
-_LEVEL = 1e-4
+# A start may be off by this much (px, root mean square over a subset): one step leaves less than half its square.
+_OFF = 0.01
 # Share of its uncertainty that may be left of a displacement: it adds less than 1 % of the variance.
 _NEGLIGIBLE = 0.03
+_Buffers = tuple[Floats32, Floats32, Floats32, Integers, Floats32, Floats32, Floats32]
 # Sums over a subset may be reordered and fused; NaN must still compare as NaN.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
@@ -174,14 +175,35 @@ def _sample_quintic(
     c4 = coefficients[row + 4, column:]
     c5 = coefficients[row + 5, column:]
     lines = (c0, c1, c2, c3, c4, c5)
-    if abs(dx) * np.float32(lanes) < np.float32(_LEVEL):
-        a = _quintic_weights(fx + np.float32(0.5) * dx * np.float32(lanes))
-        for k in range(lanes):
-            out[k] = _product(lines, k, a, _quintic_weights(fy + dy * np.float32(np.int32(k))))
+    for k in range(lanes):
+        step = np.float32(np.int32(k))
+        out[k] = _product(lines, k, _quintic_weights(fx + dx * step), _quintic_weights(fy + dy * step))
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _sample_shifted(
+    coefficients: Floats32, order: int, x: float, y: float, pitch: int, across: Floats32, values: Floats32
+) -> None:
+    """Interpolate a subset that is only shifted, its first pixel to (x, y): along the rows, then down the columns."""
+    column, row = math.floor(x), math.floor(y)
+    fx, fy = np.float32(x - column), np.float32(y - row)
+    if order == 3:
+        a0 = a5 = b0 = b5 = np.float32(0.0)
+        a1, a2, a3, a4 = _cubic_weights(fx)
+        b1, b2, b3, b4 = _cubic_weights(fy)
     else:
-        for k in range(lanes):
-            step = np.float32(np.int32(k))
-            out[k] = _product(lines, k, _quintic_weights(fx + dx * step), _quintic_weights(fy + dy * step))
+        a0, a1, a2, a3, a4, a5 = _quintic_weights(fx)
+        b0, b1, b2, b3, b4, b5 = _quintic_weights(fy)
+    i1, i2, i3, i4, i5 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4), np.uint64(5)
+    for line in range(len(across) // pitch):
+        c = coefficients[row - 2 + line, column - 2 :]
+        out = across[line * pitch :]
+        for k in range(np.uint64(pitch)):
+            out[k] = a0 * c[k] + a1 * c[k + i1] + a2 * c[k + i2] + a3 * c[k + i3] + a4 * c[k + i4] + a5 * c[k + i5]
+    c0, c1, c2, c3 = across, across[pitch:], across[2 * pitch :], across[3 * pitch :]
+    c4, c5 = across[4 * pitch :], across[5 * pitch :]
+    for k in range(np.uint64(len(c5))):
+        values[k] = b0 * c0[k] + b1 * c1[k] + b2 * c2[k] + b3 * c3[k] + b4 * c4[k] + b5 * c5[k]
 
 
 @njit(cache=True, nogil=True)
@@ -226,41 +248,27 @@ def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _accumulate(
-    values: Floats32,
-    line: np.uint64,
-    level: np.float32,
-    packed: Floats32,
-    place: np.uint64,
-    half: int,
-    lanes: np.uint64,
-    offset: float,
-    sums: Floats,
+    values: Floats32, level: np.float32, packed: Floats32, place: np.uint64, offsets: Floats32, sums: Floats
 ) -> None:
-    """Add a row to the sums of g, g², f g and of the steepest-descent images times g; surplus lanes do not count."""
-    s0 = s1 = s2 = x0 = x1 = y0 = y1 = np.float32(0)
-    centre = np.float32(half)
-    for k in range(lanes):
-        at = place + k
-        g = (values[line, k] - level) * packed[3, at]
-        j = np.float32(np.int32(k)) - centre
+    """Sum g, g², f g and the steepest-descent images times g, where g are the values less their level."""
+    s0 = s1 = s2 = x0 = x1 = x2 = y0 = y1 = y2 = np.float32(0)
+    for q in range(np.uint64(offsets.shape[1])):
+        at = place + q
+        g = (values[q] - level) * packed[3, at]
         ax = packed[1, at] * g
         ay = packed[2, at] * g
         s0 += g
         s1 += g * g
         s2 += packed[0, at] * g
         x0 += ax
-        x1 += ax * j
+        x1 += ax * offsets[0, q]
+        x2 += ax * offsets[1, q]
         y0 += ay
-        y1 += ay * j
-    sums[0] += s0
-    sums[1] += s1
-    sums[2] += s2
-    sums[3] += x0
-    sums[4] += x1
-    sums[5] += offset * x0
-    sums[6] += y0
-    sums[7] += y1
-    sums[8] += offset * y0
+        y1 += ay * offsets[0, q]
+        y2 += ay * offsets[1, q]
+    sums[0], sums[1], sums[2] = s0, s1, s2
+    sums[3], sums[4], sums[5] = x0, x1, x2
+    sums[6], sums[7], sums[8] = y0, y1, y2
 
 
 @njit(cache=True, nogil=True)
@@ -272,30 +280,32 @@ def _sum_subset(
     packed: Floats32,
     level: float,
     p: Floats,
-    values: Floats32,
+    buffers: _Buffers,
     sums: Floats,
 ) -> None:
-    """Interpolate a whole subset of the frame into ``values`` and sum what the normal equations need."""
-    half, place, pitch = layout[2], layout[3], layout[4]
-    width = 2 * half + 1
-    sums[:] = 0.0
-    for row in range(width):
-        i = float(row - half)
-        x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
-        y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
-        _sample_row(coefficients, order, x, y, p[1], p[4], width, values[row])
-        at, lanes = np.uint64(place), np.uint64(pitch)
-        _accumulate(values, np.uint64(row), np.float32(level), packed, at, half, lanes, i, sums)
-        place += pitch
+    """Interpolate a whole subset of the frame and sum what the normal equations need."""
+    half, pitch = layout[2], layout[4]
+    offsets, values, others = buffers[:3]
+    x, y = layout[0] - corner[0] - half + p[0], layout[1] - corner[1] - half + p[3]
+    if p[1] == 0.0 and p[2] == 0.0 and p[4] == 0.0 and p[5] == 0.0:
+        rows = others[0, : (2 * half + 6) * pitch]
+        _sample_shifted(coefficients, order, x, y, pitch, rows, values)
+    else:
+        for row in range(2 * half + 1):
+            i = float(row - half)
+            left, top = x - p[1] * half + p[2] * i, y + row - p[4] * half + p[5] * i
+            _sample_row(coefficients, order, left, top, p[1], p[4], 2 * half + 1, values[row * pitch :])
+    _accumulate(values, np.float32(level), packed, np.uint64(layout[3]), offsets, sums)
 
 
 @njit(cache=True, nogil=True)
 def _gauss_newton_step(
-    sums: Floats, level: Floats, moments: Floats, normal: Floats, inverse: Floats, step: Floats, quality: Floats
+    sums: Floats, level: Floats, moments: Floats, inverse: Floats, step: Floats, quality: Floats
 ) -> float:
     """Step, gain, residual and correlation from the sums; fall of the residual, -1 when nothing is alike.
 
-    The last step is not evaluated again: by how much it lowers the residual is known.
+    The sums of steepest-descent images become the slopes of the criterion. The last step is not evaluated again: by
+    how much it lowers the residual is known.
     """
     energy, pixels = level[1], level[2]
     average = sums[0] / pixels
@@ -304,14 +314,15 @@ def _gauss_newton_step(
     if not (sums[2] > 0.0 and contrast > 0.0):
         return -1.0
     gain = energy / sums[2]
+    for a in range(6):
+        sums[3 + a] = gain * (sums[3 + a] - average * moments[0, a]) - moments[1, a]
     fall = 0.0
     for a in range(6):
-        step[a] = 0.0
+        moved = 0.0
         for b in range(6):
-            step[a] += inverse[a, b] * (gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b])
-    for a in range(6):
-        for b in range(6):
-            fall += step[a] * normal[a, b] * step[b]
+            moved += inverse[a, b] * sums[3 + b]
+        step[a] = moved
+        fall += moved * sums[3 + a]
     residual = max(gain * gain * contrast - energy - fall, 0.0)
     quality[0] = gain
     quality[1] = residual
@@ -320,78 +331,79 @@ def _gauss_newton_step(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _add_scores(
+def _leave_residuals(
     values: Floats32,
-    line: np.uint64,
     packed: Floats32,
     place: np.uint64,
-    light: tuple[np.float32, np.float32, np.float32, np.float32],
-    moved: tuple[np.float32, np.float32, np.float32, np.float32],
-    sums: Floats32,
+    offsets: Floats32,
+    gain: np.float32,
+    average: np.float32,
+    moved: Floats32,
 ) -> None:
-    """Turn a row of values into residuals, and add it to the sums (7, column): times gx, gx i, gy, gy i, f, 1, itself.
-
-    ``light``: row and half width, gain, mean level. ``moved``: factors of gx, gx j, gy, gy j in the last step, which is
-    not evaluated again. Several short loops, since a compiler that must prove too many rows distinct forms no vectors.
-    """
-    i, half, gain, average = light
-    a, b, c, d = moved
-    lanes = np.uint64(sums.shape[1])
-    for k in range(lanes):
-        at = place + k
-        j = np.float32(np.int32(k)) - half
-        step = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j)
-        r = (gain * (values[line, k] - average) - packed[0, at] - step) * packed[3, at]
-        values[line, k] = r
-        sums[6, k] += r * r
-    for n in (0, 1):
-        for k in range(lanes):
-            x = values[line, k] * packed[n + 1, place + k]
-            sums[2 * n, k] += x
-            sums[2 * n + 1, k] += x * i
-    for k in range(lanes):
-        sums[4, k] += values[line, k] * packed[0, place + k]
-        sums[5, k] += values[line, k]
+    """Turn values into residuals after the last step (``moved``), which is not evaluated again."""
+    a, b, c, d, e, f = moved
+    for q in range(np.uint64(offsets.shape[1])):
+        at, j, i = place + q, offsets[0, q], offsets[1, q]
+        step = packed[1, at] * (a + b * j + c * i) + packed[2, at] * (d + e * j + f * i)
+        values[q] = (gain * (values[q] - average) - packed[0, at] - step) * packed[3, at]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _influences(sums: Floats32, half: np.float32, rows: Floats32, scores: Floats32) -> None:
-    """Weight the sums of every column to the influences (3, column) of its residual on dx, dy and rotation."""
-    for m in range(3):
-        a, b, c, d, e, f, g, h = rows[m]
-        for k in range(np.uint64(sums.shape[1])):
-            j = np.float32(np.int32(k)) - half
-            x = (a + b * j) * sums[0, k] + c * sums[1, k] + (d + e * j) * sums[2, k] + f * sums[3, k]
-            scores[m, k] = x + g * sums[4, k] + h * sums[5, k]
+def _influences(
+    values: Floats32, packed: Floats32, place: np.uint64, offsets: Floats32, factors: Floats32, out: Floats32
+) -> None:
+    """Influence of every residual on one component of the motion; see :func:`_sandwich` for the factors."""
+    a, b, c, d, e, f, g, h = factors
+    for q in range(np.uint64(offsets.shape[1])):
+        at, j, i = place + q, offsets[0, q], offsets[1, q]
+        weight = packed[1, at] * (a + b * j + c * i) + packed[2, at] * (d + e * j + f * i)
+        out[q] = values[q] * (weight + g * packed[0, at] + h)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _sum_lines(values: Floats32, first: int, end: int, columns: Floats32) -> None:
+    """Sum lines of a subset column by column."""
+    columns[:] = 0.0
+    for line in range(first, end):
+        own = values[line * len(columns) :]
+        for k in range(np.uint64(len(columns))):
+            columns[k] += own[k]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _sum_blocks(values: Floats32, edges: Integers, columns: Floats32, blocks: Floats32) -> None:
+    """Sum values (4, pixel) of a subset over its square blocks, of which ``edges`` are the first lines and columns."""
+    count = len(edges) - 1
+    for b in range(count):
+        for m in range(4):
+            _sum_lines(values[m], edges[b], edges[b + 1], columns[m])
+        for c in range(count):
+            s0 = s1 = s2 = s3 = np.float32(0.0)
+            for k in range(edges[c], edges[c + 1]):
+                s0, s1, s2, s3 = s0 + columns[0, k], s1 + columns[1, k], s2 + columns[2, k], s3 + columns[3, k]
+            at = b * count + c
+            blocks[0, at], blocks[1, at], blocks[2, at], blocks[3, at] = s0, s1, s2, s3
 
 
 @njit(cache=True, nogil=True)
-def _add_strips(
-    values: Floats32, layout: Integers, packed: Floats32, rows: Floats32, inverse: Floats, covariance: Floats
-) -> None:
+def _add_strips(influences: Floats32, half: int, pitch: int, inverse: Floats, covariance: Floats) -> None:
     """Widen the covariance across long edges, along which the residual is alike from end to end.
 
-    Influence times residual (``values``) is summed over strips along the edges, one pixel wide; where the motion is at
-    least three times as well determined across as along.
+    Influences on dx and dy are summed over strips along the edges, one pixel wide; where the motion is at least three
+    times as well determined across as along.
     """
-    half, place, pitch = layout[2], layout[3], layout[4]
     xx, yy, xy = inverse[0, 0], inverse[3, 3], inverse[0, 3]
     middle, apart = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
     if middle + apart < 3.0 * (middle - apart):
         return
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
     across_x, across_y = math.cos(angle), math.sin(angle)
-    factors = across_x * rows[0] + across_y * rows[1]
     strips = np.zeros(4 * half + 4)
-    for line in range(2 * half + 1):
-        i = line - half
-        at = place + line * pitch
-        for k in range(2 * half + 1):
-            j = k - half
-            gx, gy, f = packed[1, at + k], packed[2, at + k], packed[0, at + k]
-            influence = gx * (factors[0] + factors[1] * j + factors[2] * i)
-            influence += gy * (factors[3] + factors[4] * j + factors[5] * i) + factors[6] * f + factors[7]
-            strips[int(across_x * j + across_y * i + 2 * half + 1.5)] += influence * values[line, k]
+    for i in range(-half, half + 1):
+        for j in range(-half, half + 1):
+            at = (i + half) * pitch + j + half
+            influence = across_x * influences[0, at] + across_y * influences[1, at]
+            strips[int(across_x * j + across_y * i + 2 * half + 1.5)] += influence
     squares = strips * strips
     fourth = np.sum(squares * squares)
     # few strips hold an edge: quantiles of Student's t for their number grow so with it
@@ -405,7 +417,6 @@ def _add_strips(
 
 @njit(cache=True, nogil=True)
 def _sandwich(
-    values: Floats32,
     layout: Integers,
     packed: Floats32,
     level: Floats,
@@ -414,7 +425,7 @@ def _sandwich(
     average: float,
     gain: float,
     step: Floats,
-    squares: Floats,
+    buffers: _Buffers,
     covariance: Floats,
 ) -> float:
     """Covariance of (dx, dy, rotation) from the residual itself; share of the blocks that show nothing of the pattern.
@@ -423,43 +434,35 @@ def _sandwich(
     the squares of these sums are the covariance. A block shows nothing of the pattern where its residual exceeds
     both the mean square of the pattern and, five times, the median residual of all blocks.
     """
-    half, place, pitch = layout[2], layout[3], layout[4]
-    width = 2 * half + 1
-    count = min(8, max(3, width // 4))
+    half, place, pitch = layout[2], np.uint64(layout[3]), layout[4]
+    offsets, values, others, edges, columns, blocks, rows = buffers
     # factors of gx, gx j, gx i, gy, gy j, gy i, f, 1 in the influence on dx, dy and rotation
-    rows = np.zeros((3, 8), np.float32)
+    rows[:] = 0.0
     for a in range(6):
         rows[0, a], rows[1, a], rows[2, a] = inverse[0, a], inverse[3, a], 0.5 * (inverse[4, a] - inverse[2, a])
+        along_f, along_1 = moments[1, a] / level[1], moments[0, a] / level[2]
         for m in range(3):
-            rows[m, 6] -= rows[m, a] * moments[1, a] / level[1]
-            rows[m, 7] -= rows[m, a] * moments[0, a] / level[2]
-    sums, scores = np.zeros((7, pitch), np.float32), np.zeros((3, pitch), np.float32)
-    edges = np.array([-(-c * width // count) for c in range(count + 1)])
+            rows[m, 6] -= rows[m, a] * along_f
+            rows[m, 7] -= rows[m, a] * along_1
+    moved = step.astype(np.float32)
+    _leave_residuals(values, packed, place, offsets, np.float32(gain), np.float32(average), moved)
+    for m in range(3):
+        _influences(values, packed, place, offsets, rows[m], others[m])
+    for q in range(np.uint64(offsets.shape[1])):
+        others[3, q] = values[q] * values[q]
+    _sum_blocks(others, edges, columns, blocks)
+    count = blocks.shape[1]
     xx = yy = xy = turned = 0.0
     for b in range(count):
-        sums[:] = 0.0
-        for line in range(edges[b], edges[b + 1]):
-            i = float(line - half)
-            light = np.float32(i), np.float32(half), np.float32(gain), np.float32(average)
-            in_x, in_y = np.float32(step[0] + step[2] * i), np.float32(step[3] + step[5] * i)
-            moved = in_x, np.float32(step[1]), in_y, np.float32(step[4])
-            _add_scores(values, np.uint64(line), packed, np.uint64(place + line * pitch), light, moved, sums)
-        _influences(sums, np.float32(half), rows, scores)
-        for c in range(count):
-            x = y = turn = square = 0.0
-            for k in range(edges[c], edges[c + 1]):
-                x, y, turn = x + scores[0, k], y + scores[1, k], turn + scores[2, k]
-                square += sums[6, k]
-            squares[b * count + c] = square
-            xx, yy, xy, turned = xx + x * x, yy + y * y, xy + x * y, turned + turn * turn
+        x, y, turn = blocks[0, b], blocks[1, b], blocks[2, b]
+        xx, yy, xy, turned = xx + x * x, yy + y * y, xy + x * y, turned + turn * turn
     covariance[0], covariance[1], covariance[2], covariance[3] = xx, yy, xy, turned
-    _add_strips(values, layout, packed, rows, inverse, covariance)
-    squares = squares[: count * count]
-    pattern = level[1] / (count * count)
-    if not np.max(squares) > pattern:
+    _add_strips(others, half, pitch, inverse, covariance)
+    pattern = level[1] / count
+    if not np.max(blocks[3]) > pattern:
         return 0.0
-    nothing = max(pattern, 5.0 * np.median(squares))
-    return np.sum(squares > nothing) / (count * count)
+    nothing = max(pattern, 5.0 * np.median(blocks[3]))
+    return np.sum(blocks[3] > nothing) / count
 
 
 @njit(cache=True, nogil=True)
@@ -470,7 +473,6 @@ def _converge(
     packed: Floats32,
     level: Floats,
     moments: Floats,
-    normal: Floats,
     inverse: Floats,
     tolerance: float,
     capture: float,
@@ -478,7 +480,7 @@ def _converge(
     p: Floats,
     quality: Floats,
     work: tuple[Floats, Floats, Floats],
-    values: Floats32,
+    buffers: _Buffers,
 ) -> tuple[int, int, float]:
     """Iterate one subset; evaluations, result code and the last fall of the residual."""
     coefficients, order, corner, window = image
@@ -491,8 +493,8 @@ def _converge(
     for iteration in range(max_iterations):
         if not _is_inside(layout[0], layout[1], half, p, window):
             return iteration, LEFT_WINDOW, 0.0
-        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, values, sums)
-        fall = _gauss_newton_step(sums, level, moments, normal, inverse, step, quality)
+        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, buffers, sums)
+        fall = _gauss_newton_step(sums, level, moments, inverse, step, quality)
         if fall < 0.0:
             return iteration + 1, NOT_CONVERGED, 0.0
         size2 = 0.0
@@ -525,16 +527,24 @@ def _converge(
 
 
 @njit(cache=True, nogil=True)
-def _fall_of_affine(sums: Floats, level: Floats, moments: Floats, gain: float, affine: Floats) -> float:
-    """Fall of the residual that the next step of an affine subset would bring."""
-    fall = 0.0
-    average = sums[0] / level[2]
-    for a in range(6):
-        for b in range(6):
-            slope_a = gain * (sums[3 + a] - average * moments[0, a]) - moments[1, a]
-            slope_b = gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b]
-            fall += slope_a * affine[a, b] * slope_b
-    return fall
+def _buffers(half: int, pitch: int) -> _Buffers:
+    """Memory for one subset at a time.
+
+    Offsets from its centre (j and i, pixel), values (pixel) and what is made of them (4, pixel), edges of the blocks,
+    sums over their lines (4, column) and over them (4, block), factors of the influences (3, 8).
+    """
+    width = 2 * half + 1
+    offsets = np.empty((2, width * pitch), np.float32)
+    for q in range(width * pitch):
+        offsets[0, q], offsets[1, q] = q % pitch - half, q // pitch - half
+    size = (width + 5) * pitch + LANES
+    count = min(8, max(3, width // 4))
+    edges = np.empty(count + 1, np.int64)
+    for c in range(count + 1):
+        edges[c] = -(-c * width // count)
+    columns, blocks = np.zeros((4, pitch), np.float32), np.zeros((4, count * count), np.float32)
+    values, others = np.zeros(size, np.float32), np.zeros((4, size), np.float32)
+    return offsets, values, others, edges, columns, blocks, np.zeros((3, 8), np.float32)
 
 
 @njit(cache=True, nogil=True)
@@ -551,7 +561,6 @@ def solve_subsets(
     quality: Floats,
     covariance: Floats,
     counts: Integers,
-    values: Floats32,
 ) -> None:
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result.
 
@@ -559,8 +568,9 @@ def solve_subsets(
     of :func:`_sandwich`; ``counts`` (evaluations, result code, solved as affine); ``inflation`` and ``strain_seen``:
     see :func:`.solve`.
     """
-    layout, shape, packed, level, moments, normal, rigid, affine = subsets
-    sums, step, before, squares = np.zeros(9), np.zeros(6), np.zeros(6), np.zeros(64)
+    layout, shape, packed, level, moments, _, rigid, affine = subsets
+    sums, step, before = np.zeros(9), np.zeros(6), np.zeros(6)
+    half = -1
     for q in range(len(chosen)):
         n = chosen[q]
         p = motion[q]
@@ -569,28 +579,35 @@ def solve_subsets(
         if bread[0, 0] <= 0.0:
             counts[q, 1] = NO_TEXTURE
             continue
+        if layout[n, 2] != half:
+            half = layout[n, 2]
+            buffers = _buffers(half, layout[n, 4])
         if is_rigid:
             turn = math.atan2(p[4] - p[2], 2.0 + p[1] + p[5])
+            if turn * turn * half * half < 1.5 * _OFF * _OFF:
+                turn = 0.0
             p[1] = p[5] = math.cos(turn) - 1.0
             p[4] = math.sin(turn)
             p[2] = -p[4]
         evaluations, code, fall = _converge(
-            image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance, capture,
-            max_iterations, p, quality[q], (sums, step, before), values,
+            image, layout[n], is_rigid, packed, level[n], moments[n], bread, tolerance, capture, max_iterations,
+            p, quality[q], (sums, step, before), buffers,
         )  # fmt: skip
         if code == SOLVED and shape[n] == AUTO and affine[n, 0, 0] > 0.0:
-            gained = _fall_of_affine(sums, level[n], moments[n], quality[q, 0], affine[n]) - fall
+            gained = -fall
+            for a in range(6):
+                for b in range(6):
+                    gained += sums[3 + a] * affine[n, a, b] * sums[3 + b]
             if gained > strain_seen * inflation[n] * quality[q, 1] / max(level[n, 2] - 5.0, 1.0):
                 bread, is_rigid = affine[n], False
                 more, code, fall = _converge(
-                    image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance, capture,
-                    max_iterations, p, quality[q], (sums, step, before), values,
+                    image, layout[n], is_rigid, packed, level[n], moments[n], bread, tolerance, capture,
+                    max_iterations, p, quality[q], (sums, step, before), buffers,
                 )  # fmt: skip
                 evaluations += more
         counts[q, 0], counts[q, 1], counts[q, 2] = evaluations, code, not is_rigid
         if code == SOLVED:
             average = level[n, 0] + sums[0] / level[n, 2]
             quality[q, 3] = _sandwich(
-                values, layout[n], packed, level[n], moments[n], bread, average, quality[q, 0], before, squares,
-                covariance[q],
+                layout[n], packed, level[n], moments[n], bread, average, quality[q, 0], before, buffers, covariance[q]
             )  # fmt: skip

@@ -8,6 +8,7 @@ J. Westerweel, F. Scarano, Exp. Fluids 39 (2005) 1096-1100, https://doi.org/10.1
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Integers
+from labpipe.compilation import njit
 
 #: Neighbours of a point, as many as around a place of a square grid.
 NEIGHBOURS = 8
@@ -46,6 +47,23 @@ def _median(values: Floats) -> Floats:
     return np.where(count[:, 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
 
 
+@njit(cache=True, nogil=True)
+def _contradicted(motion: Floats, trusted: Flags, near: Integers, offset: Floats, allowed: float) -> Flags:
+    """Trusted points with three trusted neighbours, one of which leads farther from them than allowed (px)."""
+    result = np.zeros(len(motion), np.bool_)
+    for n in range(len(motion)):
+        votes, apart = 0, 0.0
+        for k in range(near.shape[1]):
+            p = motion[near[n, k]]
+            if trusted[near[n, k]]:
+                votes += 1
+                x, y = offset[n, k, 0], offset[n, k, 1]
+                apart = max(apart, abs(p[0] + p[1] * x + p[2] * y - motion[n, 0]))
+                apart = max(apart, abs(p[3] + p[4] * x + p[5] * y - motion[n, 3]))
+        result[n] = trusted[n] and votes >= 3 and apart > allowed
+    return result
+
+
 class Neighbourhood:
     """Nearest neighbours of every point and what they make of its displacement.
 
@@ -57,7 +75,9 @@ class Neighbourhood:
 
     def __init__(self, places: Floats) -> None:
         count = min(NEIGHBOURS, len(places) - 1)
-        self._near = nearest(places, places, count + 1)[:, 1:] if count > 0 else np.zeros((len(places), 0), np.int64)
+        self._near = np.zeros((len(places), 0), np.int64)
+        if count > 0:
+            self._near = np.ascontiguousarray(nearest(places, places, count + 1)[:, 1:])
         self._offset = places[:, None] - places[self._near]
 
     def votes(self, motion: Floats, trusted: Flags) -> Floats:
@@ -84,14 +104,12 @@ class Neighbourhood:
         trusted : bool array (point,)
             Points that were found; three neighbours of these are needed for a test.
         """
-        votes = self.votes(motion, trusted)
         # one that differs by less than the threshold from all its neighbours differs so from their median
-        apart = np.abs(votes - motion[:, None, [0, 3]]).max(axis=(1, 2), initial=0.0, where=np.isfinite(votes))
-        fails = trusted & (apart > _THRESHOLD * _ALLOWED) & (np.isfinite(votes[..., 0]).sum(axis=1) >= 3)
+        fails = _contradicted(motion, trusted, self._near, self._offset, _THRESHOLD * _ALLOWED)
         chosen = np.flatnonzero(fails)
         if not len(chosen):
             return fails, np.zeros((0, 2))
-        votes = votes[chosen]
+        votes = self.votes(motion, trusted)[chosen]
         median = _median(votes)
         residual = np.abs(motion[chosen][:, [0, 3]] - median) / (_ALLOWED + _median(np.abs(votes - median[:, None])))
         fails[chosen] = (residual > _THRESHOLD).any(axis=1) & ~self._supported(votes, motion[chosen], chosen)

@@ -1,8 +1,12 @@
 """Patterns that repeat themselves within a subset: a match one period away is as good as the right one."""
 
+import math
+
 import numpy as np
 
-from labpipe.arrays import Flags, Floats, Floats32
+from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.compilation import njit
+from labpipe.imaging.dic._kernels import FAST
 from labpipe.imaging.dic._solver import OVERHANG, SOLVED, solve
 from labpipe.imaging.dic._subsets import Subsets
 
@@ -34,29 +38,85 @@ def best_repetition(image: Floats32, coefficients: Floats32, order: int, subsets
         Over all peaks apart from the subset's own place, within half its width; the ridge along an edge belongs to
         its own place. The middle of the subset is matched in whole pixels, and the best match refined.
     """
-    import cv2
-
     rows, columns = image.shape
-    result = np.zeros(len(subsets))
-    start = np.zeros((len(subsets), 6))
-    for n, (x, y, half) in enumerate(subsets.layout[:, :3].tolist()):
-        inner, reach = min(max(_TEMPLATE, half // 2), half), min(half, _FARTHEST)
-        left, top = max(0, x - inner - reach), max(0, y - inner - reach)
-        area = image[top : min(rows, y + inner + reach + 1), left : min(columns, x + inner + reach + 1)]
-        template = image[y - inner : y + inner + 1, x - inner : x + inner + 1]
-        scores = cv2.matchTemplate(area, template, cv2.TM_CCOEFF_NORMED)
-        count, peaks = cv2.connectedComponents((scores > _HALF_MAXIMUM).astype(np.uint8))
-        if count == 2:  # the background and its own place
-            continue
-        scores[(peaks == 0) | (peaks == peaks[y - inner - top, x - inner - left])] = 0.0
-        row, column = np.unravel_index(int(scores.argmax()), scores.shape)
-        result[n] = scores[row, column]
-        start[n, [0, 3]] = column + inner + left - x, row + inner + top - y
+    result, start = np.zeros(len(subsets)), np.zeros((len(subsets), 6))
+    _search(image, subsets.layout, result, start)
     chosen = np.flatnonzero(result > _WORTH)
     window = (-OVERHANG, columns - 1 + OVERHANG, -OVERHANG, rows - 1 + OVERHANG)
     refined = solve(subsets, coefficients, order, chosen, start[chosen], origin=(0, 0), window=window, capture=1.0)
     result[chosen] = np.where(refined.code == SOLVED, refined.zncc, result[chosen])
     return result
+
+
+@njit(cache=True, nogil=True)
+def _search(image: Floats32, layout: Integers, result: Floats, start: Floats) -> None:
+    """Best repetition of every subset in whole pixels: its correlation, and its displacement as a start."""
+    rows, columns = image.shape
+    for n in range(len(layout)):
+        x, y, half = layout[n, 0], layout[n, 1], layout[n, 2]
+        inner, reach = min(max(_TEMPLATE, half // 2), half), min(half, _FARTHEST)
+        left, right = max(-reach, inner - x), min(reach, columns - 1 - inner - x)
+        top, bottom = max(-reach, inner - y), min(reach, rows - 1 - inner - y)
+        area = image[y + top - inner : y + bottom + inner + 1, x + left - inner : x + right + inner + 1]
+        scores = np.zeros((bottom - top + 1, right - left + 1))
+        _correlate(area - np.mean(area), inner, -left, -top, scores)
+        _clear(scores, -left, -top)
+        for i in range(len(scores)):
+            for j in range(scores.shape[1]):
+                if scores[i, j] > result[n]:
+                    result[n], start[n, 0], start[n, 3] = scores[i, j], left + j, top + i
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _correlate(area: Floats32, inner: int, x: int, y: int, scores: Floats) -> None:
+    """Correlate the square of half width ``inner`` at place (x, y) of the scores with all places in the area.
+
+    Scores below half of the maximum stay 0. Of a large square lines are left out, down to the pixels of the least
+    one. Lines of the area follow each other in memory, so that one long loop shifts all of it.
+    """
+    size, pitch = 2 * inner + 1, area.shape[1]
+    lines = np.arange(0, size, size * size // (2 * _TEMPLATE + 1) ** 2 or 1)
+    template = np.zeros((len(lines), size + 4), np.float32)
+    for m in range(len(lines)):
+        template[m, :size] = area[y + lines[m], x : x + size]
+    template[:, :size] -= np.mean(template[:, :size])
+    energy, pixels = np.sum(template * template), len(lines) * size
+    grey = np.zeros(area.size + 4, np.float32)
+    grey[: area.size] = area.reshape(-1)
+    products, sums, squares = np.zeros((3, len(scores) * pitch), np.float32)
+    i1, i2, i3, i4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+    for m in range(len(lines)):
+        v = grey[lines[m] * pitch :]
+        for q in range(np.uint64(len(sums))):
+            sums[q] += v[q]
+            squares[q] += v[q] * v[q]
+        for j in range(0, size, 5):
+            t0, t1, t2, t3, t4 = template[m, j : j + 5]
+            v = grey[lines[m] * pitch + j :]
+            for q in range(np.uint64(len(products) - size + 1)):
+                products[q] += t0 * v[q] + t1 * v[q + i1] + t2 * v[q + i2] + t3 * v[q + i3] + t4 * v[q + i4]
+    for i in range(len(scores)):
+        first = i * pitch
+        total, square = np.sum(sums[first : first + size - 1]), np.sum(squares[first : first + size - 1])
+        for q in range(first, first + scores.shape[1]):
+            total, square = total + sums[q + size - 1], square + squares[q + size - 1]
+            spread = energy * (square - total * total / pixels)
+            if products[q] > 0.0 and products[q] * products[q] > _HALF_MAXIMUM**2 * spread > 0.0:
+                scores[i, q - first] = products[q] / math.sqrt(spread)
+            total, square = total - sums[q], square - squares[q]
+
+
+@njit(cache=True, nogil=True)
+def _clear(scores: Floats, x: int, y: int) -> None:
+    """Set the peak around a place, down to its half maximum, to zero."""
+    waiting = [(y, x)]
+    while waiting:
+        y, x = waiting.pop()
+        for i in range(max(y - 1, 0), min(y + 2, scores.shape[0])):
+            for j in range(max(x - 1, 0), min(x + 2, scores.shape[1])):
+                if scores[i, j] > 0.0:
+                    scores[i, j] = 0.0
+                    waiting.append((i, j))
 
 
 def is_ambiguous(zncc: Floats, repetition: Floats, min_zncc: float) -> Flags:

@@ -27,9 +27,8 @@ _PATIENCE, _SELDOM = 64, 8
 _ROUNDS = 16
 
 
-def follow(tracker: Tracker, index: int, loaded: Loaded) -> Attempt:
-    """Find all points in one frame, including those that prediction did not lead to."""
-    expected = tracker.predict(index)
+def follow(tracker: Tracker, index: int, loaded: Loaded, expected: Floats) -> Attempt:
+    """Find all points in one frame, including those that prediction (``expected``) did not lead to."""
     attempt = tracker.first_attempt(loaded, expected)
     recovery = Recovery(tracker, index, loaded, attempt, expected)
     if not attempt.trusted.all():

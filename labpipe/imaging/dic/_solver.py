@@ -12,7 +12,7 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._kernels import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
-from labpipe.imaging.dic._spline import LANES, PADDING
+from labpipe.imaging.dic._spline import PADDING
 from labpipe.imaging.dic._subsets import Subsets
 
 __all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "OVERHANG", "SOLVED", "Solution", "solve"]
@@ -118,7 +118,6 @@ def solve(
     counts = np.zeros((count, 3), np.int64)
     if count:
         corner = (float(origin[0] - PADDING), float(origin[1] - PADDING))
-        width = 2 * int(subsets.half[chosen].max()) + 1
         solve_subsets(
             (coefficients, order, corner, window),
             subsets.arrays,
@@ -132,6 +131,5 @@ def solve(
             quality,
             spread,
             counts,
-            np.zeros((width, width + 2 * LANES), np.float32),
         )
     return Solution(found, quality, spread, counts[:, 0], counts[:, 1], counts[:, 2] > 0, np.zeros(count))

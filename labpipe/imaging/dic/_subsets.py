@@ -165,7 +165,7 @@ def _cut(
                 pixels += w
         level[n, 0], level[n, 2] = total / max(pixels, 1.0), pixels
         # the six steepest-descent images, the grey levels about their mean, and the weights
-        stack = np.empty((8, width, width))
+        stack = np.empty((8, width, width), np.float32)
         for i in range(width):
             for k in range(width):
                 at = place + i * pitch + k

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from labpipe.arrays import Integers
 from labpipe.frames import FrameSource, as_frames
 from labpipe.imaging.dic._arguments import check_points, check_settings, selected_frames
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from labpipe.imaging.dic._film_window import FilmWindow, Loaded
-    from labpipe.imaging.dic._tracker import Tracker
 
 Shape = Literal["auto", "rigid", "affine"]
 
@@ -159,11 +154,13 @@ def track(
     tracker = Tracker(reference, window, order, min_zncc, obstructed)
     table = Table.empty(len(indices), len(reference.usable))
     rows = np.flatnonzero(np.asarray(film.valid, bool)[indices]) if len(reference.usable) else indices[:0]
-    for row, loaded in _read_ahead(window, tracker, indices, rows):
+    for row in rows:
         index = int(indices[row])
         tracker.is_static = index < static_frames
+        expected = tracker.predict(index)
+        loaded = window.load(index, tracker.box(expected))
         if loaded.coefficients is not None:
-            table.fill(row, follow(tracker, index, loaded), reference, min_zncc)
+            table.fill(row, follow(tracker, index, loaded, expected), reference, min_zncc)
     work = {
         "frames_read": window.frames_read,
         "frames_total": len(film),
@@ -175,23 +172,3 @@ def track(
     }
     attrs: dict[str, object] = {"work": work, "note": hot.note}
     return make_dataset(table, reference, film.time, places, half, indices, wanted, indices < static_frames, attrs)
-
-
-def _read_ahead(
-    window: FilmWindow, tracker: Tracker, indices: Integers, rows: Integers
-) -> Iterator[tuple[int, Loaded]]:
-    """Yield the loaded rectangle of every frame, one frame ahead of the solver."""
-    if not len(rows):
-        return
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="film") as reader:
-        first = int(indices[rows[0]])
-        pending = reader.submit(window.load, first, tracker.box(first))
-        for k, row in enumerate(rows):
-            loaded = pending.result()
-            index = int(indices[row])
-            if not tracker.covers(loaded, index):
-                loaded = reader.submit(window.load, index, tracker.box(index)).result()
-            if k + 1 < len(rows):
-                following = int(indices[rows[k + 1]])
-                pending = reader.submit(window.load, following, tracker.box(following))
-            yield int(row), loaded

@@ -65,7 +65,7 @@ class Attempt:
         """Zero-normalised cross-correlation (point,)."""
         return self.quality[:, 2]
 
-    def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
+    def take(self, chosen: Integers, found: Solution, better: Flags | slice = slice(None)) -> None:
         """Replace the results of chosen points where the new ones are better."""
         where = chosen[better]
         for name in ("motion", "quality", "covariance", "hidden", "code"):
@@ -109,47 +109,27 @@ class Tracker:
         self.misses = np.zeros(count, np.int64)
         self.is_static = True
         self._strain_seen = STRAIN_SEEN
-        self._predictions: dict[int, Floats] = {}
         self.subsets_solved = self.iterations = self.reseeds = 0
 
     def predict(self, index: int) -> Floats:
         """Motion (point, 6) expected in a frame, from constant velocity; lost points stay where they were."""
-        motion = self._predictions.get(index)
-        if motion is None:
-            motion = self._motion.copy()
-            gap = index - self._seen
-            moves = self.is_tracked & (self._seen >= 0) & (gap <= _STRETCH * self._step)
-            motion[:, [0, 3]] += self._velocity * (gap * moves)[:, None]
-            self._predictions[index] = motion
+        motion = self._motion.copy()
+        gap = index - self._seen
+        moves = self.is_tracked & (self._seen >= 0) & (gap <= _STRETCH * self._step)
+        motion[:, [0, 3]] += self._velocity * (gap * moves)[:, None]
         return motion
 
-    def box(self, index: int) -> Box:
-        """Rectangle of a frame that the tracked subsets will need."""
-        wanted = self.is_tracked if self.is_tracked.any() else np.ones(len(self._seen), bool)
-        return self.film.box_around(self._extent(index, wanted))
-
-    def covers(self, loaded: Loaded, index: int) -> bool:
-        """Tell whether a rectangle loaded ahead of time holds all that will be needed."""
-        if not self.is_tracked.any():
-            return True
-        first, last, upper, lower = self._extent(index, self.is_tracked).tolist()
-        _, columns, _, rows = self.film.whole
-        left, right, top, bottom = loaded.window
-        return bool(
-            max(first - SURPRISE, 0.0) >= left
-            and min(last + SURPRISE, columns - 1.0) <= right
-            and max(upper - SURPRISE, 0.0) >= top
-            and min(lower + SURPRISE, rows - 1.0) <= bottom
-        )
-
-    def _extent(self, index: int, chosen: Flags) -> Floats:
-        """(left, right, top, bottom) in px of the subsets of chosen points as predicted."""
-        motion, half = self.predict(index)[chosen], self.reference.subsets.half[chosen]
-        x, y = (self.places[chosen] + motion[:, [0, 3]]).T
-        # a turned square is wider than a straight one
-        reach_x = half * (1.0 + np.abs(motion[:, 1]) + np.abs(motion[:, 2]))
-        reach_y = half * (1.0 + np.abs(motion[:, 4]) + np.abs(motion[:, 5]))
-        return np.array([(x - reach_x).min(), (x + reach_x).max(), (y - reach_y).min(), (y + reach_y).max()])
+    def box(self, expected: Floats) -> Box:
+        """Rectangle of a frame that the tracked subsets will need where they are expected."""
+        chosen = self.is_tracked if self.is_tracked.any() else slice(None)
+        motion, half, places = expected[chosen], self.reference.subsets.half[chosen], self.places[chosen]
+        sides = []
+        for axis, first, second in ((0, 1, 2), (3, 4, 5)):
+            # a turned square is wider than a straight one
+            reach = half * (1.0 + np.abs(motion[:, first]) + np.abs(motion[:, second]))
+            place = places[:, axis // 3] + motion[:, axis]
+            sides += [(place - reach).min(), (place + reach).max()]
+        return self.film.box_around(np.array(sides))
 
     def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
         """Solve chosen points from a start (point, 6); what a stated obstruction hides is left out."""
@@ -201,7 +181,7 @@ class Tracker:
             found = self.solve(loaded, chosen, expected[chosen])
         attempt = Attempt.nothing(expected)
         attempt.iterations[chosen] = found.iterations
-        attempt.take(chosen, found, np.ones(len(chosen), bool))
+        attempt.take(chosen, found)
         apart = np.hypot(*(attempt.motion - expected)[:, [0, 3]].T)
         alike = attempt.zncc > DROP * self.last_zncc
         attempt.trusted = self.accepts(attempt.code, attempt.zncc) & alike & (apart <= SURPRISE)
@@ -232,4 +212,3 @@ class Tracker:
         self._motion[trusted] = found[trusted]
         self._seen[trusted] = index
         self.last_zncc[trusted] = attempt.zncc[trusted]
-        self._predictions.clear()

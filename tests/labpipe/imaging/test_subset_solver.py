@@ -150,7 +150,7 @@ def test_step_gain_and_residual_are_those_of_least_squares() -> None:
     moments = np.stack([J.sum(axis=0), texture @ J])
     step, quality = np.zeros(6), np.zeros(4)
     inverse = np.linalg.inv(normal)
-    fall = _gauss_newton_step(sums, np.array([0.0, energy, n]), moments, normal, inverse, step, quality)
+    fall = _gauss_newton_step(sums, np.array([0.0, energy, n]), moments, inverse, step, quality)
     assert fall == pytest.approx(right @ right - squares[0])
     np.testing.assert_allclose(step, expected, rtol=1e-9)
     np.testing.assert_allclose(quality[:2], [gain, squares[0]], rtol=1e-9)
