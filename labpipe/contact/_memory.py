@@ -171,3 +171,12 @@ def checked_load(time: ArrayLike, load: ArrayLike) -> tuple[Floats, Floats]:
         n = negative[0]
         raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
     return times, loads
+
+
+def checked_times(times: ArrayLike, duration: float) -> Floats:
+    """Refuse instants that do not rise within the duration; return them as an array (time,)."""
+    wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
+    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
+        raise InputError(f"times must increase strictly and lie within 0 and {duration} s")
+    return wanted

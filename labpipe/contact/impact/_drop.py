@@ -14,21 +14,13 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.contact._memory import Creep
+from labpipe.contact._memory import Creep, checked_times
 from labpipe.contact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._dataset import batch_dataset, dataset, thesis_dataset
 from labpipe.contact.impact._method import Tables
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._rings import Profile, influence, surface_gap
-from labpipe.contact.impact._setting import (
-    MAX_STEPS,
-    Scales,
-    Setting,
-    Solver,
-    checked_times,
-    exact,
-    warn_of_millimetres,
-)
+from labpipe.contact.impact._setting import MAX_STEPS, Scales, Setting, Solver, exact, warn_of_millimetres
 from labpipe.contact.impact._stepper import AnnularContactError
 from labpipe.contact.impact._train import COLUMNS, MARGIN, Train
 from labpipe.contact.sphere import Substrate, counter_compliance
