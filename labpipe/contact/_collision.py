@@ -120,10 +120,9 @@ def collision(
     -------
     Dataset
         Over ``time`` (0 at release): ``displacement`` [m] (upwards, 0 at first touch),
-        ``velocity`` [m/s], ``force`` [N], ``overlap``, ``permanent_overlap_so_far`` [m]; over
-        ``impact``: ``impact_time``, ``contact_duration`` [s], ``impact_speed``, ``rebound_speed``
-        [m/s], ``restitution``, ``peak_force`` [N], ``peak_overlap``,
-        ``permanent_overlap`` [m], ``energy_dissipated`` [J].
+        ``velocity`` [m/s], ``force`` [N]; over ``impact``: ``impact_time``, ``contact_duration``
+        [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N],
+        ``peak_overlap``, ``permanent_overlap`` [m], ``energy_dissipated`` [J].
         A sphere that comes to rest leaves the last impact without a rebound: NaN.
 
     Raises
@@ -179,10 +178,6 @@ def collision(
         "displacement": variable("time", moved[0], "m", "displacement of the sphere, upwards, 0 at first touch"),
         "velocity": variable("time", moved[1], "m/s", "velocity of the sphere, upwards"),
         "force": variable("time", moved[2], "N", "contact force"),
-        "overlap": variable("time", np.maximum(-moved[0], 0.0), "m", "overlap of sphere and flat"),
-        "permanent_overlap_so_far": variable(
-            "time", np.array([phases[n].permanent for n in which]), "m", "permanent overlap so far"
-        ),
     }
     variables |= {name: variable("impact", values, *_ROWS[name]) for name, values in table.items()}
     restitution = table["rebound_speed"] / table["impact_speed"]
@@ -215,7 +210,6 @@ class _Phase(NamedTuple):
 
     times: Floats
     motion: Callable[[Floats], Floats]
-    permanent: float
 
 
 @dataclass
@@ -250,7 +244,7 @@ class _Motion:
         """Follow all phases up to ``duration`` [s], or so many contacts."""
         now, x, v, g = 0.0, height, 0.0, self.gravity
         while len(self.rows) != most:
-            speed = math.sqrt(v**2 + 2.0 * g * max(x + self.permanent, 0.0))
+            speed = math.sqrt(max(v**2 + 2.0 * g * (x + self.permanent), 0.0))
             landing = now + (v + speed) / g
             self._coast(now, min(landing, duration), x, v, g)
             if landing >= duration:
@@ -288,7 +282,7 @@ class _Motion:
             s = t - now
             return np.stack([x + v * s - 0.5 * gravity * s**2, v - gravity * s, np.full_like(s, push)])
 
-        self.phases.append(_Phase(np.linspace(now, end, 33), motion, self.permanent))
+        self.phases.append(_Phase(np.linspace(now, end, 33), motion))
 
     def _contact(self, now: float, x: float, v: float, end: float) -> tuple[float, float, float] | None:
         """Follow a contact and the dent that it leaves; return when its force ended, x and v then, None if never."""
@@ -357,5 +351,5 @@ class _Motion:
             if not self.as_printed:  # unloading starts at the force that loading has reached
                 plastic = self.deepest - (self.deepest - plastic) * self.multiplier ** (-2.0 / 3.0)
             self.permanent = max(self.permanent, plastic)
-        self.phases.append(_Phase(np.linspace(now, reached, 65), motion, self.permanent))
+        self.phases.append(_Phase(np.linspace(now, reached, 65), motion))
         return reached, last, speed, found[0] if found else "end"
