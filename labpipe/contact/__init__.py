@@ -1,4 +1,9 @@
-"""Viscoelastic contact: indentation and impact."""
+"""Viscoelastic contact: indentation and impact.
+
+The room holds two integrators of an impact: the first contact on rigid ground is collocated, which reaches 1e-7 in the
+time of 1e-4 and does batches of first impacts; bounces, rings, plates, rest and static loads are stepped, in which 1e-7
+would take fifty times as long.
+"""
 
 from typing import TYPE_CHECKING
 

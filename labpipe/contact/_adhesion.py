@@ -153,16 +153,14 @@ class AdhesionEstimate:
 
     ``tabor``, ``regime``: Tabor's parameter with the modulus of the impact's time scale, and the theory that holds;
     ``pull_off``, ``pull_off_bound`` [N]: quasi-static force that parts the surfaces, and the most that a fast crack in
-    this viscoelastic solid can make of it; ``lost_energy`` [J]: that closing and opening costs, of the elastic solid;
-    ``force_share``: the bound over the peak force; ``verdict``: "negligible", of force and kinetic energy of the
-    impact, or "may matter".
+    this viscoelastic solid can make of it; ``force_share``: the bound over the peak force; ``verdict``: "negligible",
+    of force and kinetic energy of the impact, or "may matter".
     """
 
     tabor: float
     regime: str
     pull_off: float
     pull_off_bound: float
-    lost_energy: float
     force_share: float
     verdict: str
 
@@ -218,7 +216,6 @@ def adhesion_in_impact(
         regime=contact.regime,
         pull_off=contact.pull_off,
         pull_off_bound=float(bound),
-        lost_energy=contact.lost_energy,
         force_share=shares[0],
         verdict="negligible" if max(shares) < _NOTICEABLE else "may matter",
     )

@@ -28,10 +28,11 @@ References
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -39,6 +40,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from labpipe.arrays import Floats
+from labpipe.contact._memory import checked_times
 from labpipe.errors import InputError
 from labpipe.units import Measure, require_positive, si
 from labpipe.variables import variable
@@ -118,10 +120,9 @@ def collision(
     -------
     Dataset
         Over ``time`` (0 at release): ``displacement`` [m] (upwards, 0 at first touch),
-        ``velocity`` [m/s], ``force`` [N], ``overlap``, ``permanent_overlap_so_far`` [m]; over
-        ``impact``: ``impact_time``, ``contact_duration`` [s], ``impact_speed``, ``rebound_speed``
-        [m/s], ``restitution``, ``peak_force`` [N], ``peak_overlap``,
-        ``permanent_overlap`` [m], ``energy_dissipated`` [J].
+        ``velocity`` [m/s], ``force`` [N]; over ``impact``: ``impact_time``, ``contact_duration``
+        [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N],
+        ``peak_overlap``, ``permanent_overlap`` [m], ``energy_dissipated`` [J].
         A sphere that comes to rest leaves the last impact without a rebound: NaN.
 
     Raises
@@ -158,16 +159,11 @@ def collision(
     stiffness = contact_stiffness(radius, youngs_modulus, nu, as_printed=as_printed)
     motion = _Motion(stiffness, damping, yield_depth, unloading_multiplier, as_printed, mass, gravity, rtol)
     motion.run(height, duration, impacts)
-    phases, rows = motion.phases, np.array(motion.rows).reshape(-1, len(_ROWS)).T
+    phases, table = motion.phases, dict(zip(_ROWS, np.array(motion.rows).reshape(-1, len(_ROWS)).T, strict=True))
     if time is None:
-        times = np.unique(np.concatenate([phase.grid() for phase in phases]))
+        times = np.unique(np.concatenate([phase.times for phase in phases]))
     else:
-        times = np.asarray(time, dtype=float)
-        if times.ndim != 1 or times.size == 0 or not np.all(np.diff(times) > 0.0):
-            raise InputError(f"output times must be one rising row, found the shape {times.shape}")
-        if not (times[0] >= 0.0 and times[-1] <= duration):
-            raise InputError(f"output times must lie from 0 to the duration of {duration} s")
-    table = dict(zip(_ROWS, rows, strict=True))
+        times = checked_times(time, duration)
     # Energy gained in an impact by less than a millionth is rounding.
     if as_printed and np.any(table["energy_dissipated"] < -1e-6 * mass * table["impact_speed"] ** 2):
         warnings.warn(
@@ -176,25 +172,19 @@ def collision(
             UserWarning,
             stacklevel=2,
         )
-    which = np.searchsorted([phase.start for phase in phases], times, side="right") - 1
-    x, velocity, force, permanent = np.zeros((4, times.size))
-    for n in np.unique(which):
-        used = which == n
-        x[used], velocity[used], force[used] = phases[n].motion(times[used])
-        permanent[used] = phases[n].permanent
+    which = np.searchsorted([phase.times[0] for phase in phases], times, side="right") - 1
+    moved = np.concatenate([phases[n].motion(times[which == n]) for n in np.unique(which)], axis=1)
     variables = {
-        "displacement": variable("time", x, "m", "displacement of the sphere, upwards, 0 at first touch"),
-        "velocity": variable("time", velocity, "m/s", "velocity of the sphere, upwards"),
-        "force": variable("time", force, "N", "contact force"),
-        "overlap": variable("time", np.maximum(-x, 0.0), "m", "overlap of sphere and flat"),
-        "permanent_overlap_so_far": variable("time", permanent, "m", "permanent overlap so far"),
+        "displacement": variable("time", moved[0], "m", "displacement of the sphere, upwards, 0 at first touch"),
+        "velocity": variable("time", moved[1], "m/s", "velocity of the sphere, upwards"),
+        "force": variable("time", moved[2], "N", "contact force"),
     }
     variables |= {name: variable("impact", values, *_ROWS[name]) for name, values in table.items()}
     restitution = table["rebound_speed"] / table["impact_speed"]
     variables["restitution"] = variable("impact", restitution, "1", "coefficient of restitution")
     coordinates = {
         "time": variable("time", times, "s", "time from the release"),
-        "impact": variable("impact", np.arange(rows.shape[1]), "1", "impact"),
+        "impact": variable("impact", np.arange(restitution.size), "1", "impact"),
     }
     work = json.dumps({"evaluations": motion.evaluations, "phases": len(phases)})
     return xr.Dataset(variables, coordinates, {"work": work})
@@ -216,22 +206,10 @@ def contact_stiffness(radius: float, youngs_modulus: float, nu: float, *, as_pri
 
 
 class _Phase(NamedTuple):
-    """A stretch of smooth motion: position, velocity and force at times in [start, end]."""
+    """A stretch of smooth motion, sampled at times (time,) [s] with its ends; ``motion`` returns height, v, force."""
 
-    start: float
-    end: float
-    motion: Callable[[Floats], tuple[Floats, Floats, Floats]]
-    permanent: float
-    is_contact: bool
-
-    def grid(self) -> Floats:
-        """Return times (time,) in s to sample it at, its ends included."""
-        return np.linspace(self.start, self.end, 65 if self.is_contact else 33)
-
-    def last(self) -> tuple[float, float]:
-        """Position and velocity at the end."""
-        x, v, _ = self.motion(np.array([self.end]))
-        return float(x[0]), float(v[0])
+    times: Floats
+    motion: Callable[[Floats], Floats]
 
 
 @dataclass
@@ -252,34 +230,39 @@ class _Motion:
     rtol: float
     deepest: float = 0.0
     permanent: float = 0.0
-    rest_speed: float = 0.0
     evaluations: int = 0
     phases: list[_Phase] = field(default_factory=list)
     rows: list[tuple[float, ...]] = field(default_factory=list)
 
+    @property
+    def rest_speed(self) -> float:
+        """Speed [m/s] from which the sphere rises by a part of the static overlap that cannot be seen."""
+        static = (self.mass * self.gravity / self.stiffness) ** (2.0 / 3.0)
+        return math.sqrt(2.0 * self.gravity * _REST_SHARE * static)
+
     def run(self, height: float, duration: float, most: int | None) -> None:
         """Follow all phases up to ``duration`` [s], or so many contacts."""
         now, x, v, g = 0.0, height, 0.0, self.gravity
-        static = (self.mass * g / self.stiffness) ** (2.0 / 3.0)
-        self.rest_speed = float(np.sqrt(2.0 * g * _REST_SHARE * static))
-        while now < duration and len(self.rows) != most:
-            landing = now + (v + np.sqrt(v**2 + 2.0 * g * max(x + self.permanent, 0.0))) / g
-            self._fall(now, x, v, min(float(landing), duration), g)
-            now = self.phases[-1].end
-            if now >= duration:
+        while len(self.rows) != most:
+            speed = math.sqrt(max(v**2 + 2.0 * g * (x + self.permanent), 0.0))
+            landing = now + (v + speed) / g
+            self._coast(now, min(landing, duration), x, v, g)
+            if landing >= duration:
                 return
-            x, v = -self.permanent, self.phases[-1].last()[1]
-            if -v <= self.rest_speed and self.rows:
+            now, x, v = landing, -self.permanent, -speed
+            if speed <= self.rest_speed and self.rows:
                 sag = (self.mass * g / (self.stiffness * self.multiplier)) ** (2.0 / 3.0)
-                self._fall(now, x - sag, 0.0, duration, 0.0)
+                self._coast(now, duration, x - sag, 0.0, 0.0)
                 return
             first = len(self.phases)
-            lift, lifted_at, rebound = self._contact(now, x, v, duration)
-            samples = [phase.motion(phase.grid()) for phase in self.phases[first:]]
-            moved, force = (np.concatenate([sample[i] for sample in samples]) for i in (0, 2))
-            lost = self.mass * (0.5 * (v**2 - rebound**2) + g * (x - lifted_at))
-            self.rows.append((now, lift - now, -v, rebound, force.max(), -moved.min(), self.permanent, lost))
-            now, (x, v) = self.phases[-1].end, self.phases[-1].last()
+            lifted = self._contact(now, x, v, duration)
+            moved = np.concatenate([phase.motion(phase.times) for phase in self.phases[first:]], axis=1)
+            at, risen, rebound = lifted or (math.nan, math.nan, math.nan)
+            lost = self.mass * (0.5 * (v**2 - rebound**2) + g * (x - risen))
+            self.rows.append((now, at - now, -v, rebound, moved[2].max(), -moved[0].min(), self.permanent, lost))
+            if lifted is None:
+                return
+            now, x, v = lifted
 
     def force(self, x: float, v: float, dent: tuple[float, float], *, loading: bool) -> float:
         """Contact force before it is clipped at zero, on a dent of a deepest and a permanent overlap [m]."""
@@ -289,97 +272,84 @@ class _Motion:
         elif depth >= deepest and loading:
             permanent, factor = max(0.0, depth - self.yield_depth), 1.0
         elastic = max(depth - permanent, 0.0)
-        return self.stiffness * factor * elastic**1.5 - self.damping * np.sqrt(elastic) * v
+        return self.stiffness * factor * elastic**1.5 - self.damping * math.sqrt(elastic) * v
 
-    def _fall(self, now: float, x: float, v: float, end: float, gravity: float) -> None:
-        """Add a phase of constant acceleration: free fall, or with none rest under the weight."""
+    def _coast(self, now: float, end: float, x: float, v: float, gravity: float) -> None:
+        """Add a phase of constant acceleration: free flight, or with none rest under the weight."""
         push = self.mass * (self.gravity - gravity)
 
-        def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
+        def motion(t: Floats) -> Floats:
             s = t - now
-            return x + v * s - 0.5 * gravity * s**2, v - gravity * s, np.full_like(s, push)
+            return np.stack([x + v * s - 0.5 * gravity * s**2, v - gravity * s, np.full_like(s, push)])
 
-        self.phases.append(_Phase(now, end, motion, self.permanent, is_contact=push > 0.0))
+        self.phases.append(_Phase(np.linspace(now, end, 33), motion))
 
-    def _contact(self, now: float, x: float, v: float, end: float) -> tuple[float, float, float]:
-        """Follow one contact and the dent that it leaves; return when the force ended, x and v then, NaN if never."""
+    def _contact(self, now: float, x: float, v: float, end: float) -> tuple[float, float, float] | None:
+        """Follow a contact and the dent that it leaves; return when its force ended, x and v then, None if never."""
+        g = self.gravity
         while True:
             loading = v < 0.0
-            phase, reason, released = self._integrate(now, x, v, end, loading=loading)
-            now, (x, v) = phase.end, phase.last()
-            if reason == "turned" and loading:
-                v = 0.0
-                self.deepest = max(-x, self.deepest)
-                plastic = max(0.0, self.deepest - self.yield_depth)
-                if not self.as_printed:  # unloading starts at the force that loading has reached
-                    plastic = self.deepest - (self.deepest - plastic) * self.multiplier ** (-2.0 / 3.0)
-                self.permanent = max(self.permanent, plastic)
-            self.phases.append(phase._replace(permanent=self.permanent))
-            if reason == "left":
-                return released
+            now, x, v, reason = self._integrate(now, x, v, end, loading=loading)
+            if reason == "end":
+                return None
+            if reason == "released":
+                if x + 0.5 * v**2 / g > -self.permanent:
+                    return now, x, v
+                self._coast(now, min(now + v / g, end), x, v, g)  # it rises without force, and falls back
+                now, x = now + v / g, x + 0.5 * v**2 / g
+                if now >= end:
+                    return None
             # At a turn either law may carry the weight closely enough to be at rest.
-            forces = np.array(
-                [self.force(x, 0.0, (self.deepest, self.permanent), loading=way) for way in (True, False)]
-            )
-            is_resting = np.all(np.abs(forces / (self.mass * self.gravity) - 1.0) < 1.5 * _REST_SHARE)
-            if reason == "turned" and is_resting:
-                self._fall(now, x, 0.0, end, 0.0)
-            if reason == "end" or is_resting:
-                return np.nan, np.nan, np.nan
-            if not loading:  # it turns downwards without having left: it may come to rest here
-                v = -np.finfo(float).tiny
+            forces = [self.force(x, 0.0, (self.deepest, self.permanent), loading=way) for way in (True, False)]
+            if all(abs(force / (self.mass * g) - 1.0) < 1.5 * _REST_SHARE for force in forces):
+                self._coast(now, end, x, 0.0, 0.0)
+                return None
+            v = 0.0 if loading else -np.finfo(float).tiny
 
     def _integrate(
         self, now: float, x: float, v: float, end: float, *, loading: bool
-    ) -> tuple[_Phase, str, tuple[float, float, float]]:
-        """Follow the contact until its speed turns, it leaves or the time is over; say when the force ended too."""
+    ) -> tuple[float, float, float, str]:
+        """Follow the contact until its speed turns, its force ends or the time is over; return the state then."""
         dent = _, permanent = self.deepest, self.permanent
 
-        def unclipped(state: Floats) -> float:
-            return self.force(float(state[0]), float(state[1]), dent, loading=loading)
+        def pushed(state: Floats) -> float:
+            return max(self.force(float(state[0]), float(state[1]), dent, loading=loading), 0.0)
 
         def rates(_t: float, state: Floats) -> list[float]:
-            push = max(unclipped(state), 0.0)
-            return [float(state[1]), push / self.mass - self.gravity]
+            return [float(state[1]), pushed(state) / self.mass - self.gravity]
 
         def turned(_t: float, state: Floats) -> float:
             return float(state[1])
 
-        def left(_t: float, state: Floats) -> float:
-            return float(-state[0] - permanent)
-
         def released(_t: float, state: Floats) -> float:
             # Divided by the root of the overlap, so that it crosses zero with a slope.
-            elastic = max(float(-state[0]) - permanent, 0.0)
-            return self.stiffness * self.multiplier * elastic - self.damping * float(state[1])
+            return self.stiffness * self.multiplier * (float(-state[0]) - permanent) - self.damping * float(state[1])
 
-        events = [turned, left, released]
-        for event, is_last, direction in zip(
-            events, (True, True, False), (1.0 if loading else -1.0, -1.0, -1.0), strict=True
-        ):
-            event.terminal, event.direction = is_last, direction  # type: ignore[attr-defined]
+        events: list[Any] = [turned] if loading else [turned, released]
+        for event in events:
+            event.terminal, event.direction = True, 1.0 if loading else -1.0
         scale = np.array([max(abs(x), self.rest_speed**2 / self.gravity), abs(v) + self.rest_speed])
         # Time counts from the touch, so that a long fall before it costs no digits.
         span, tolerance = (0.0, end - now), {"rtol": self.rtol, "atol": self.rtol * scale}
         solution = solve_ivp(rates, span, [x, v], method="DOP853", events=events, dense_output=True, **tolerance)
-        if not solution.success:
-            raise InputError(f"the motion could not be integrated at {now:.6g} s: {solution.message}")
         self.evaluations += int(solution.nfev)
-        if self.evaluations > _MAX_EVALUATIONS:
+        if not solution.success or self.evaluations > _MAX_EVALUATIONS:
             raise InputError(
                 f"the motion took {self.evaluations} evaluations of the force up to {now:.6g} s of {end:.6g} s; give a "
-                "shorter duration, a higher drop or more damping"
+                f"shorter duration, a higher drop or more damping ({solution.message})"
             )
 
-        def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
-            states = np.atleast_2d(solution.sol(t - now).T)
-            force = np.array([max(unclipped(state), 0.0) for state in states])
-            return states[:, 0], states[:, 1], force
+        def motion(t: Floats) -> Floats:
+            states = solution.sol(t - now)
+            return np.vstack([states, [pushed(state) for state in states.T]])
 
-        phase = _Phase(now, now + float(solution.t[-1]), motion, permanent, is_contact=True)
-        free = (phase.end, *phase.last())
-        if solution.t_events[2].size and not loading:
-            height, speed = solution.y_events[2][-1].tolist()
-            free = now + float(solution.t_events[2][-1]), height, speed
-        found = [event.__name__ for event, at in zip(events[:2], solution.t_events, strict=False) if at.size]
-        return phase, found[0] if found else "end", free
+        found = [event.__name__ for event, at in zip(events, solution.t_events, strict=True) if at.size]
+        reached, (last, speed, _) = now + float(solution.t[-1]), motion(np.array([now + solution.t[-1]]))[:, 0].tolist()
+        if loading and found:
+            self.deepest = max(-last, self.deepest)
+            plastic = max(0.0, self.deepest - self.yield_depth)
+            if not self.as_printed:  # unloading starts at the force that loading has reached
+                plastic = self.deepest - (self.deepest - plastic) * self.multiplier ** (-2.0 / 3.0)
+            self.permanent = max(self.permanent, plastic)
+        self.phases.append(_Phase(np.linspace(now, reached, 65), motion))
+        return reached, last, speed, found[0] if found else "end"

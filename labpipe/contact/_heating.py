@@ -37,11 +37,6 @@ def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Flo
     """Share of its rise that the centre of an evenly heated (half) sphere keeps after a time.
 
     ``radius`` [m]. ``time`` [s]: Not negative; 0 gives 1.
-
-    Examples
-    --------
-    >>> float(remaining_share(1e-3, 10.0, Thermal(1180.0, 1470.0, 0.19)).round(4))
-    0.0717
     """
     with np.errstate(divide="ignore"):
         s = np.asarray(radius) / (2.0 * np.sqrt(thermal.diffusivity * np.asarray(time, float)))

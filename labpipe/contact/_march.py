@@ -5,9 +5,6 @@ The history is linear between its samples; two samples at one time are a jump. B
 the force. It is of third order and what all steps leave of second, so that the share goes with the power 3/2 of
 ``rtol``. Steps shrink to the fastest relaxation after a jump and grow over the decades of a hold; a process much
 faster than the step answers as plain compliance.
-
-With ``rtol=None`` every interval is one step. Of a term much faster than the step, a load linear in the step
-answers only with the mean of its ramp: after a jump the next step then overshoots with the opposite sign.
 """
 
 from collections.abc import Iterator
@@ -43,7 +40,7 @@ class March:
     """One contact, one material, one history.
 
     ``control`` is the quantity that the history prescribes; ``rtol`` the error of force or approach over their largest
-    values, None for one step per interval; ``limit`` the message when the contact reaches the end of the bed. While
+    values; ``limit`` the message when the contact reaches the end of the bed. While
     :meth:`run` goes on, ``room`` holds the springs, and ``answer`` (7,): displacement [m], force, contact half width
     [m], work of the indenter on the springs (trapezoids over the steps), heat of the material, exact for the load
     path taken, and energy held; force and energies per reduced modulus and unit depth of a line.
@@ -52,7 +49,7 @@ class March:
     contact: SpringBed
     creep: Creep
     control: Control
-    rtol: float | None
+    rtol: float
     limit: str
     room: Room = field(init=False)
     answer: Floats = field(default_factory=lambda: np.zeros(7))
@@ -81,20 +78,18 @@ class March:
         scales = np.array([0.0, softest, 1e-300])
         highest = -np.inf
         self.answer[0] = min(float(value[0]), 0.0) if control == kernel.DISPLACEMENT else 0.0
-        tolerance = 0.0 if rtol is None or not law.rate.size else _STEP_SHARE * rtol**1.5
+        tolerance = _STEP_SHARE * rtol**1.5 if law.rate.size else np.inf
         for n in range(time.size):
-            last, before = float(value[n]), float(value[n - 1])
+            last, before = float(value[n]), float(value[n - 1]) if n else 0.0
             length = float(time[n] - time[n - 1]) if n else 0.0
-            if rtol is not None and last > highest:  # the force that the slowest loading would show
+            if last > highest:  # the force that the slowest loading would show
                 highest = scales[0] = last
                 if control == kernel.DISPLACEMENT:
                     room = self.room.whole
                     scales[0] = press(self.contact, self.contact.gap, softest, last, False, room)[1]
             is_jump = length == 0.0
-            if is_jump:
-                self.answer[6] = fastest
             if not (is_jump and n and last == before):
-                step, allowed = float(self.answer[6]), 0.0 if is_jump else tolerance
+                step, allowed = float(self.answer[6]), np.inf if is_jump else tolerance
                 goals = control, length, before, last, allowed, scales, step
                 outcome = kernel.cross(springs, *goals, self.answer, self._counts)
                 if outcome == OUTGROWN:
@@ -110,4 +105,6 @@ class March:
                         f"at {time[n]:g} s {problem}; give another rtol, more samples, or a material with more of an "
                         "instantaneous compliance"
                     )
+            if is_jump:
+                self.answer[6] = fastest
             yield self.answer

@@ -131,19 +131,7 @@ def condense(creep: Creep, shortest: float, longest: float, tolerance: float) ->
 
 
 def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Floats, Floats]:
-    """Return a history as two arrays (time,), or say where it is wrong.
-
-    Raises
-    ------
-    InputError
-        Lengths differ, a number is missing or infinite, or time runs backwards.
-
-    Examples
-    --------
-    >>> checked_history([0.0, 1.0], [0.0, float("nan")], "displacement")
-    Traceback (most recent call last):
-    labpipe.errors.InputError: displacement[1] is nan (at 1 s); fill or cut the gap before simulating
-    """
+    """Return a history as two arrays (time,), or say where it is wrong."""
     times, values = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
     if times.ndim != 1 or times.shape != values.shape or times.size == 0:
         raise InputError(
@@ -171,3 +159,12 @@ def checked_load(time: ArrayLike, load: ArrayLike) -> tuple[Floats, Floats]:
         n = negative[0]
         raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
     return times, loads
+
+
+def checked_times(times: ArrayLike, duration: float) -> Floats:
+    """Refuse instants that do not rise within the duration; return them as an array (time,)."""
+    wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
+    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
+        raise InputError(f"times must increase strictly and lie within 0 and {duration} s")
+    return wanted

@@ -67,21 +67,14 @@ class SpringBed(NamedTuple):
 def sphere_bed(radius: float, reach: float, springs: int, profile: str = "parabola") -> SpringBed:
     """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.
 
-    ``radius`` [m]: Of the sphere. ``reach`` [m]: Largest contact radius that will be asked for. ``springs``: Number
-    of springs within the reach. ``profile``: "parabola", whose elastic contact of radius b has an approach of b²/R, or
+    ``radius`` [m]: of the sphere; ``reach`` [m]: largest contact radius that will be asked for; ``springs``: number
+    of springs within the reach; ``profile``: "parabola", whose elastic contact of radius b has an approach of b²/R, or
     the exact "sphere", (b/2) ln((R + b)/(R − b)) = b artanh(b/R).
 
     References
     ----------
     Popov and Heß, Method of Dimensionality Reduction in Contact Mechanics and Friction, Springer
     2015, https://doi.org/10.1007/978-3-642-53876-6.
-
-    Examples
-    --------
-    >>> bed = sphere_bed(1.0, 0.2, 100)
-    >>> _, force, radius = press(bed, bed.gap, 1.0, 0.01, False, np.empty(bed.size))
-    >>> round(force / (4 / 3 * 0.01**1.5), 5), round(radius, 6)
-    (1.0, 0.1)
     """
     spacing = reach / springs
     # Two springs beyond the reach locate an edge that lies exactly on it.
@@ -205,18 +198,19 @@ def _smooth_edge_force(bed: SpringBed, threshold: Floats, displacement: float, t
 def _share(bed: SpringBed, threshold: Floats, displacement: float, touched: int, shrinks: bool) -> float:
     """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
 
-    It follows from the springs outside while the contact grows, and from those inside while it shrinks.
+    It follows from the springs outside while the contact grows, and from those inside while it shrinks, but never
+    lies beyond where the surface outside meets the indenter.
     """
     inside, outside = touched - 1, touched
     cell = bed.gap[outside] - bed.gap[inside]
     if cell <= 0.0:
         share = (displacement - threshold[inside]) / (threshold[outside] - threshold[inside])
-    elif shrinks and inside > 0:
-        share = _rest(bed, threshold, displacement, inside - 1, inside) / cell
     elif outside + 1 < threshold.size:
         share = 1.0 + _rest(bed, threshold, displacement, outside, outside + 1) / cell
     else:
         share = _rest(bed, threshold, displacement, inside, outside) / cell
+    if shrinks and inside > 0 and cell > 0.0:
+        share = min(share, _rest(bed, threshold, displacement, inside - 1, inside) / cell)
     return min(max(share, 0.0), 1.0)
 
 

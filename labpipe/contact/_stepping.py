@@ -273,28 +273,15 @@ def _pair(on: Springs, body: Body, control: int, dt: float, middle_goal: float, 
 
 
 @inner()
-def _accept(on: Springs, dt: float, is_pair: bool) -> tuple[float, float, float]:
+def _accept(on: Springs, dt: float) -> tuple[float, float, float]:
     """Bring the springs to the end of a step; return as :func:`advance` does."""
     bed, law, room = on
-    if is_pair:
-        for j in range(bed.gap.size):
-            room.middle[j] = (room.load[j] + 4.0 * room.middle[j] + room.end[j]) / 6.0
-        _, early, first = advance(bed, law, 0.5 * dt, room.half, room.memory, room.load, room.middle, room.halfway)
-        held, late, second = advance(bed, law, 0.5 * dt, room.half, room.halfway, room.middle, room.end, room.memory)
-        work, plain = early + late, first + second
-    else:
-        held, work, plain = advance(bed, law, dt, room.one, room.memory, room.load, room.end, room.memory)
+    for j in range(bed.gap.size):
+        room.middle[j] = (room.load[j] + 4.0 * room.middle[j] + room.end[j]) / 6.0
+    _, early, first = advance(bed, law, 0.5 * dt, room.half, room.memory, room.load, room.middle, room.halfway)
+    held, late, second = advance(bed, law, 0.5 * dt, room.half, room.halfway, room.middle, room.end, room.memory)
     room.load[:] = room.end
-    return held, work, plain
-
-
-@inner()
-def _account(answer: Floats, energies: tuple[float, float, float]) -> None:
-    """Add work, heat and the energy held of a step to an answer (7,)."""
-    held, work, plain = energies
-    answer[3] += plain
-    answer[4] += max(work - (held - answer[5]), 0.0)
-    answer[5] = held
+    return held, early + late, first + second
 
 
 @lean()
@@ -312,27 +299,15 @@ def cross(
 ) -> int:
     """Cross an interval in which displacement or force goes from ``first`` to ``last`` in steps that adapt.
 
-    ``tolerance`` 0 takes one step. ``scales`` (3,): force and compliance to measure errors by, and the deepest approach
-    so far; ``answer`` (7,): displacement, force, half width, work, heat and energy held, changed in place, and the
-    step to try next; ``counts`` (3,): steps, rejected ones, solutions. Returns DONE, TOO_MANY, NOT_NESTED or OUTGROWN.
+    ``tolerance`` is infinite for a jump. ``scales`` (3,): force and compliance to measure errors by, and the deepest
+    approach so far; ``answer`` (7,): displacement, force, half width, work, heat and energy held, changed in place, and
+    the step to try next; ``counts`` (3,): steps, rejected ones, solutions. Returns DONE, TOO_MANY, NOT_NESTED or
+    OUTGROWN.
     """
     bed, law, room = on
     elapsed, step, unnested = 0.0, min(step, length), 0
     nobody = Body(0.0, 0.0, 0.0, 0.0, 0.0)
-    if tolerance <= 0.0:
-        compliance, late = weigh(law, length, room.one)
-        look_ahead(bed.gap, room.one, late, room.memory, room.load, room.past_end)
-        counts[0] += 1
-        counts[2] += 1
-        touched, displacement, force, width = _solve(
-            bed, room.past_end, compliance, control, last, 0.0, answer[0], room.end
-        )
-        if touched < 0:
-            return touched
-        answer[0], answer[1], answer[2] = displacement, force, width
-        _account(answer, _accept(on, length, False))
-        return DONE
-    slope = (last - first) / length
+    slope = (last - first) / length if length > 0.0 else 0.0  # a jump is one step of no length
     rigid, softest = law.instantaneous, scales[1]
     for _ in range(_MAX_STEPS_PER_INTERVAL):
         left = length - elapsed
@@ -372,7 +347,10 @@ def cross(
             continue
         counts[0] += 2
         answer[0], answer[1], answer[2] = made.displacement, made.force, made.half_width
-        _account(answer, _accept(on, dt, True))
+        held, work, plain = _accept(on, dt)
+        answer[3] += plain
+        answer[4] += max(work - (held - answer[5]), 0.0)
+        answer[5] = held
         # A step cut short by the end of the interval says nothing against the longer one.
         step = max(dt * min(max(factor, _SHRINK), _GROW), step if is_last else 0.0)
         if is_last:
@@ -456,7 +434,7 @@ def swing(
             counts[1] += 1
             pace.dt = dt * min(max(factor, _SHRINK), _MARGIN)
             continue
-        held, work, _ = _accept(on, dt, True)
+        held, work, _ = _accept(on, dt)
         end = room.end_motion
         now.spring_work += work
         speed, halfway = (start[4], end[4]), room.half_motion[4]

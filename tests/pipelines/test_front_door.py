@@ -99,8 +99,8 @@ def test_every_function_of_contact_takes_texts_and_names() -> None:
                              duration="20 ms")  # fmt: skip
     assert fall.equals(contact.collision(9.525e-3, 0.505, 1.5e-3, duration=0.02))
     for press, values in ((contact.load_sphere, [1.0, 1.0]), (contact.press_sphere, [0.0, 1e-6])):
-        written = press("ptfe", "9.525 mm", [0.0, 1.0], values, springs=50)
-        assert written.equals(press(lp.material("ptfe"), 9.525e-3, [0.0, 1.0], values, springs=50))
+        written = press("ptfe", "9.525 mm", [0.0, 1.0], values)
+        assert written.equals(press(lp.material("ptfe"), 9.525e-3, [0.0, 1.0], values))
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,6 @@ from dataclasses import dataclass
 from math import inf, isfinite, pi, sqrt
 from typing import Literal, get_args
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._rings import Profile
@@ -134,12 +130,3 @@ def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None
         texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
         message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
         warnings.warn(message, UserWarning, stacklevel=3)
-
-
-def checked_times(times: ArrayLike, duration: float) -> Floats:
-    """Refuse instants that do not rise within the duration; return them as an array (time,)."""
-    wanted = np.atleast_1d(np.asarray(times, dtype=float))
-    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
-    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
-        raise InputError(f"times must increase strictly and lie within 0 and {duration} s")
-    return wanted

@@ -20,7 +20,7 @@ from labpipe.contact.impact._setting import Scales, Setting
 from labpipe.errors import InputError
 
 # Error [m/s] allowed in a step over (rtol)^(3/2) of the speed, measured on Ting's solutions.
-_STEP_SHARE = 0.15
+_STEP_SHARE = 0.12
 # First step after touch, and longest step, as fractions of the time scale of the contact.
 _FIRST_STEP, _LONGEST_STEP = 1e-4, 0.05
 # Springs per smallest contact radius expected, at rtol = 1e-4, and at most; rings per radius of the first contact.

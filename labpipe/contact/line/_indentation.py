@@ -67,7 +67,7 @@ def indent(
     thickness: Measure = np.inf,
     elements: int = DEFAULT_ELEMENTS,
     *,
-    rtol: float | None = DEFAULT_RTOL,
+    rtol: float = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
     progress: Callable[[float], None] | None = None,
     solver: Literal["springs", "thesis"] = "springs",
@@ -98,9 +98,9 @@ def indent(
         Of the layer bonded to a rigid base; infinite for the half-plane.
     elements : int, optional
         Strips per period, even.
-    rtol : float or None
+    rtol : float
         Error to aim at, over the largest force (or approach, by load); steps adapt, at least two
-        between samples. None takes one step whatever their distance.
+        between samples.
     outputs : sequence of {"pressure", "surface", "energy"}
         Further variables.
     progress : callable, optional
@@ -166,7 +166,7 @@ def indent_load(
     thickness: Measure = np.inf,
     elements: int = DEFAULT_ELEMENTS,
     *,
-    rtol: float | None = DEFAULT_RTOL,
+    rtol: float = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
@@ -237,14 +237,14 @@ class _Line:
         time: Floats,
         value: Floats,
         control: Control,
-        rtol: float | None,
+        rtol: float,
         outputs: Sequence[Output],
         progress: Callable[[float], None] | None,
     ) -> xr.Dataset:
         """March through a checked history of displacement [m] or load [N]."""
         kernel, elements = self.kernel, self.kernel.elements
-        if rtol is not None and not 1e-8 <= rtol <= 0.1:
-            raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample")
+        if not 1e-8 <= rtol <= 0.1:
+            raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1")
         if unknown := [name for name in outputs if name not in ("pressure", "surface", "energy")]:
             raise InputError(f'output "{unknown[0]}" is unknown; use any of pressure, surface, energy')
         maps = [name for name in ("pressure", "surface") if name in outputs]
@@ -307,25 +307,21 @@ class _Line:
 
     def _limit(self, heights: Floats, displacement: Floats | None) -> str:
         """Sentence on the deepest possible contact; refuse displacements that go beyond."""
-        is_half_plane = self.kernel.mean_compliance == 0.0
+        full = float(heights.mean()) if self.kernel.mean_compliance == 0.0 else np.inf
         limit = (
             f"the contact reaches the end of the indenter (radius {self.tip_radius:.4g} m, period "
             f"{self.kernel.period:.4g} m); reduce the displacement"
         )
-        if is_half_plane and np.all(np.isfinite(heights)):
+        if np.isfinite(full):
             limit = (
-                f"the contact closes over the whole period: a half-plane cannot be pressed by "
-                f"{heights.mean():.4g} m or more by this profile; reduce the displacement, give the "
-                "layer's thickness, or more elements if the contact is meant to be nearly full"
+                f"the contact closes over the whole period: a half-plane cannot be pressed by {full:.4g} m or more by "
+                "this profile; reduce the displacement, give the layer's thickness, or more elements if the contact is "
+                "meant to be nearly full"
             )
-        if displacement is not None:
-            n = int(np.argmax(displacement))
-            if (deepest := float(displacement[n])) >= self.thickness:
-                reason = f"more than the layer's thickness of {self.thickness:.4g} m"
-                raise InputError(f"displacement[{n}] is {deepest:.4g} m, {reason}")
-            beyond = np.flatnonzero(displacement >= heights.mean())
-            if is_half_plane and beyond.size:
-                raise InputError(f"displacement[{beyond[0]}] is {displacement[beyond[0]]:.4g} m: {limit}")
+        deepest = min(full, self.thickness)
+        if displacement is not None and (beyond := np.flatnonzero(displacement >= deepest)).size:
+            reason = limit if deepest == full else f"more than the layer's thickness of {self.thickness:.4g} m"
+            raise InputError(f"displacement[{beyond[0]}] is {displacement[beyond[0]]:.4g} m: {reason}")
         return limit
 
     def _dataset(

@@ -44,16 +44,6 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float, strip:
     ``"parabola"`` is x²/(2R), ``"circle"`` is R − √(R² − x²) and infinite (no indenter) beyond R,
     ``"cosine"`` is h (1 − cos(2πx/λ)) with h = λ²/(4π²R). Of strips of a width ``strip`` [m] it is the
     height that collocation at their centres should see, with f″/48 of the width squared added.
-
-    Raises
-    ------
-    InputError
-        The name is unknown, or the radius is not positive.
-
-    Examples
-    --------
-    >>> tip_height("parabola", np.array([0.0, 1e-3]), 2e-3, 8e-3)
-    array([0.     , 0.00025])
     """
     require_positive("m", tip_radius=tip_radius)
     if not isinstance(profile, str) or profile not in ("parabola", "circle", "cosine"):

@@ -27,7 +27,7 @@ from labpipe.variables import variable
 
 Profile = Literal["parabola", "sphere"]
 
-DEFAULT_SPRINGS = 400
+SPRINGS = 400
 """Springs within the largest contact radius: force good to 1e-6, radius to 1e-5 where the pressure
 falls smoothly to zero at the edge. Where a relaxation far shorter than the loading leaves no
 instantaneous compliance to speak of, the pressure ends in a step, and the force to 5e-4."""
@@ -47,8 +47,7 @@ def load_sphere(
     *,
     profile: Profile = "parabola",
     substrate: Substrate = None,
-    springs: int = DEFAULT_SPRINGS,
-    rtol: float | None = DEFAULT_RTOL,
+    rtol: float = DEFAULT_RTOL,
 ) -> xr.Dataset:
     """Approach and contact radius of a sphere under a history of load.
 
@@ -66,11 +65,8 @@ def load_sphere(
         Shape of the gap; the exact sphere differs by 7e-4 in force at a/R = 0.08.
     substrate : "sapphire", (float [Pa], float) or None
         Elastic counter-body: a name, or Young's modulus and Poisson's ratio; None is a rigid one.
-    springs : int
-        Springs within the largest contact radius.
-    rtol : float or None
-        Error to aim at, over the largest force (or approach, by load); None takes one step
-        between two samples.
+    rtol : float
+        Error to aim at, over the largest force (or approach, by load).
 
     Returns
     -------
@@ -98,7 +94,7 @@ def load_sphere(
     >>> np.round(found.approach.values * 1e6, 3)
     array([4.116, 6.534])
     """
-    body = material, radius, substrate, profile, springs
+    body = material, radius, substrate, profile
     return _pressed(body, *checked_load(time, load), "force", rtol)
 
 
@@ -110,8 +106,7 @@ def press_sphere(
     *,
     profile: Profile = "parabola",
     substrate: Substrate = None,
-    springs: int = DEFAULT_SPRINGS,
-    rtol: float | None = DEFAULT_RTOL,
+    rtol: float = DEFAULT_RTOL,
 ) -> xr.Dataset:
     """Force and contact radius of a sphere under a history of approach.
 
@@ -132,15 +127,15 @@ def press_sphere(
     >>> round(float(found.force[1] / (4 / 3 * 1e-3)), 4)
     0.7236
     """
-    body = material, radius, substrate, profile, springs
+    body = material, radius, substrate, profile
     return _pressed(body, *checked_history(time, approach, "approach"), "displacement", rtol)
 
 
 def _pressed(
-    body: tuple[Solid, Measure, Substrate, str, int], time: Floats, value: Floats, control: Control, rtol: float | None
+    body: tuple[Solid, Measure, Substrate, str], time: Floats, value: Floats, control: Control, rtol: float
 ) -> xr.Dataset:
     """March springs out to the largest contact radius through a checked history of load or approach."""
-    material, stated, substrate, profile, springs = body
+    material, stated, substrate, profile = body
     creep, radius = Creep.of(solid(material)).on(counter_compliance(substrate)), si(stated, "m", "radius")
     largest = max(float(value.max()), np.finfo(float).tiny)
     if control == "force":
@@ -148,17 +143,15 @@ def _pressed(
         reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
     else:
         reach = float(static_approach(largest, radius, 1.0).contact_radius)
-    if springs < 10:
-        raise InputError(f"{springs} springs cannot resolve a contact; give at least 10")
     if str(profile) not in ("parabola", "sphere"):
         raise InputError(f'profile "{profile}" is unknown; use "parabola" or "sphere"')
-    if profile == "sphere" and _SPARE_REACH * reach * (1.0 + 2.0 / springs) >= radius:
+    if profile == "sphere" and _SPARE_REACH * reach * (1.0 + 2.0 / SPRINGS) >= radius:
         raise InputError(
             f"the contact would be as wide as the sphere ({reach:.4g} m against a radius of "
             f"{radius:.4g} m); reduce the load or the approach"
         )
     limit = "the contact reaches the end of the springs; give a smaller load or approach"
-    march = March(sphere_bed(radius, _SPARE_REACH * reach, springs, profile), creep, control, rtol, limit)
+    march = March(sphere_bed(radius, _SPARE_REACH * reach, SPRINGS, profile), creep, control, rtol, limit)
     answers = np.array([answer[:3] for answer in map(np.copy, march.run(time, value))])
     columns = {
         "approach": ("m", "Approach of the sphere", answers[:, 0]),

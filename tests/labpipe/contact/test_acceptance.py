@@ -208,7 +208,7 @@ def test_small_oscillations_dissipate_what_the_complex_modulus_says() -> None:
     since = np.linspace(0.0, 3.0, 1201)[1:] / frequency
     time = np.concatenate([[0.0, 1.0], 1.0 + since])
     pressed = np.concatenate([[0.0, mean], mean + amplitude * np.sin(omega * since)])
-    found = contact.indent(rubber, tip, period, depth, time, pressed, profile="cosine", rtol=None)
+    found = contact.indent(rubber, tip, period, depth, time, pressed, profile="cosine")
     loop = np.trapezoid(found.force.values[-401:], found.displacement.values[-401:])
     assert loop == pytest.approx(work, rel=2e-3)
 
@@ -217,7 +217,7 @@ def test_a_triangle_of_approach_is_that_of_ting() -> None:
     body = Prony(0.1, [0.9], [1.0], nu=0.0)
     time = np.linspace(0.0, 2.0, 2001)
     depth = np.where(time <= 1.0, time, 2.0 - time)
-    found = contact.press_sphere(body, 1.0, time, depth, springs=400, rtol=None)
+    found = contact.press_sphere(body, 1.0, time, depth)
     for instant, (force, square) in TRIANGLE.items():
         row = round(1000 * instant)
         assert float(found.force[row]) / (4 / 3) == pytest.approx(force, abs=1e-7)
