@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, InputError
 from labpipe.signals._noise import difference_sigma
-from labpipe.signals._oscillation import Oscillation, fit_sinusoid, readings_of, strongest_line
+from labpipe.signals._oscillation import Oscillation, fit_sinusoid, strongest_line, varying
 from labpipe.signals._readings import LEAST
 
 _ONSET_READINGS, _BLOCK_READINGS = 8, 16  # in the blocks by which an onset is found, and a stretch grows
@@ -83,7 +83,7 @@ def ringing(
             f"the longest impact ({longest_impact:g} s) must be positive and end before the shortest pause "
             f"({shortest_pause:g} s)"
         )
-    t, y = readings_of(time, signal)
+    t, y = varying(time, signal)
     if len(t) < 8 * _ONSET_READINGS:
         raise InputError(f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}")
     quiet = y[: max(int(0.05 * len(y)), 4 * _ONSET_READINGS)]
