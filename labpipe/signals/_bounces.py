@@ -183,8 +183,7 @@ def _measured(
     found = _per_impact(impacts, direction)
     found |= _release(time, height, (sigma, colour), turns[0], impacts[0], (fall, u_fall), direction)
     found |= _rest(time, values, motion.speed, motion.u_speed, impacts[0], last_touch)
-    found["fall_acceleration"] = variable((), fall, "m/s2", "acceleration of the free fall")
-    found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
+    found |= with_u("fall_acceleration", (), fall, u_fall, "m/s2", "acceleration of the free fall")
     numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
     result = xr.Dataset(
         found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in TOGETHER)]}

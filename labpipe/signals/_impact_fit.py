@@ -19,7 +19,7 @@ the speed returns polymers scatter more about it and the stated uncertainty is e
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -153,8 +153,9 @@ def fit_impact(
         mean, spread = expected_shape(prior, character)
         if n_evaluations == 0:
             start[_SHAPE] = mean
-        pull = _Pull(np.append(mean, gravity), block_diag(np.linalg.inv(spread[:, None] * prior.root), 1 / u_gravity))
-        p, jacobian, misfit, n = _minimise(t, y, sigma, pull, start, scale)
+        expected = np.append(mean, gravity)
+        whitening = block_diag(np.linalg.inv(spread[:, None] * prior.root), 1.0 / u_gravity)
+        p, jacobian, misfit, n = _minimise(t, y, sigma, expected, whitening, start, scale)
         n_evaluations += n
         previous, character = character, _character(p, floor, swing)
         start = p
@@ -167,7 +168,7 @@ def fit_impact(
     factor = max(excess, 1.0) * (1.0 + (max(character.loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
     covariance = factor * coloured_covariance(jacobian, inverse, time, colour, sigma) * np.outer(scale, scale)
-    ties = np.sqrt(factor) * inverse[:, _SHAPE] @ (scale[_SHAPE] * pull.whitening[:-1, :-1]).T
+    ties = np.sqrt(factor) * inverse[:, _SHAPE] @ (scale[_SHAPE] * whitening[:-1, :-1]).T
     value, gradient = _outputs(p, scale)
     value[[OUTPUTS.index(name) for name in LABELS if name.endswith("_time")]] += reference
     value[[OUTPUTS.index(name) for name in LABELS if name.endswith("_level")]] += height
@@ -200,23 +201,19 @@ def _of_unread(value: Floats, gap: float) -> Floats:
     return rows.T @ rows
 
 
-class _Pull(NamedTuple):
-    """Mean of the parameters :data:`_WITH_PRIOR`, and the whitening of their deviations."""
-
-    mean: Floats
-    whitening: Floats
-
-
 def _minimise(
-    t: Floats, y: Floats, sigma: float, pull: _Pull, start: Floats, scale: Floats
+    t: Floats, y: Floats, sigma: float, expected: Floats, whitening: Floats, start: Floats, scale: Floats
 ) -> tuple[Floats, Floats, float, int]:
-    """Parameters, derivatives of all residuals by the scaled ones, sum of squared misfits, evaluations."""
-    ties = pull.whitening @ np.eye(len(NAMES))[_WITH_PRIOR]
+    """Parameters, derivatives of all residuals by the scaled ones, sum of squared misfits, evaluations.
+
+    ``expected`` are the parameters :data:`_WITH_PRIOR`, ``whitening`` that of the deviations from them.
+    """
+    ties = whitening @ np.eye(len(NAMES))[_WITH_PRIOR]
 
     def residual(scaled: Floats) -> Floats:
         p = scaled * scale
         misfit = (_model(t, p)[0] - y) / sigma
-        return np.concatenate([misfit, pull.whitening @ (p[_WITH_PRIOR] - pull.mean)])
+        return np.concatenate([misfit, whitening @ (p[_WITH_PRIOR] - expected)])
 
     def jacobian(scaled: Floats) -> Floats:
         return np.concatenate([_model(t, scaled * scale)[1] / sigma, ties]) * scale

@@ -173,14 +173,10 @@ def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[i
         left = y[block] - fit.at(t[block])
         return float(np.mean(left**2)) < (1.0 + 4.0 * np.sqrt(2.0 / left.size)) * max(sigma, fit.residual_rms) ** 2
 
-    while high + _BLOCK_READINGS <= len(t):
-        if not is_predicted(slice(high, high + _BLOCK_READINGS)):
-            high = max(seed[1], high - _BLOCK_READINGS)
-            break
+    while high + _BLOCK_READINGS <= len(t) and is_predicted(slice(high, high + _BLOCK_READINGS)):
         high += _BLOCK_READINGS
-    while low - half >= 0:
-        if not is_predicted(slice(low - half, low)):
-            low = min(seed[0], low + _BLOCK_READINGS)
-            break
+    if high + _BLOCK_READINGS <= len(t):
+        high = max(seed[1], high - _BLOCK_READINGS)
+    while low >= half and is_predicted(slice(low - half, low)):
         low -= half
-    return low, high
+    return (min(seed[0], low + _BLOCK_READINGS) if low >= half else low), high

@@ -157,40 +157,26 @@ def test_work_grows_linearly(displacement_of):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("changed", "options", "message"),
     [
-        ({"time": [0.0, 1.0, 1.0, 2.0]}, "sample 2 is at 1.0 s after 1.0 s"),
-        ({"time": [0.0, 1.0, np.nan, 2.0]}, "time must increase"),
-        ({"values": [0.0, 1.0, np.inf, 2.0]}, "sample 2 is inf"),
-        ({"values": [np.nan, 1.0, np.nan, np.nan]}, "needs two readings; found 1"),
-        ({"units": "mm"}, 'found "mm"'),
+        ({"time": [0.0, 1.0, 1.0, 2.0]}, {}, "sample 2 is at 1.0 s after 1.0 s"),
+        ({"time": [0.0, 1.0, np.nan, 2.0]}, {}, "time must increase"),
+        ({"values": [0.0, 1.0, np.inf, 2.0]}, {}, "sample 2 is inf"),
+        ({"values": [np.nan, 1.0, np.nan, np.nan]}, {}, "needs two readings; found 1"),
+        ({"units": "mm"}, {}, 'found "mm"'),
+        ({}, {"method": "magic"}, '"magic"'),
+        ({}, {"method": "thesis", "window": 0}, "found 0"),
+        ({}, {"method": "thesis", "window": 99}, "found 99"),
+        ({}, {"noise": -1.0}, "found -1.0"),
+        ({}, {"noise": np.nan}, "found nan"),
+        ({"time": np.arange(20.0), "values": np.arange(20.0) ** 2}, {"breaks": [0.0, np.nan]}, "breaks must be finite"),
     ],
 )
-def test_bad_records_are_refused(change, message):
-    record = xr.DataArray(
-        np.array(change.get("values", [0.0, 1.0, 2.0, 3.0])),
-        dims="time",
-        coords={"time": change.get("time", [0.0, 1.0, 2.0, 3.0])},
-        attrs={"units": change.get("units", "m")},
-    )
+def test_bad_records_and_options_are_refused(changed, options, message):
+    given = {"time": [0.0, 1.0, 2.0, 3.0], "values": [0.0, 1.0, 2.0, 3.0], "units": "m"} | changed
+    record = xr.DataArray(given["values"], {"time": given["time"]}, ["time"], attrs={"units": given["units"]})
     with pytest.raises(InputError, match=message):
-        velocity(record)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"method": "magic"}, '"magic"'),
-        ({"method": "thesis", "window": 0}, "found 0"),
-        ({"breaks": [0.0, np.nan]}, "breaks must be finite"),
-        ({"method": "thesis", "window": 99}, "found 99"),
-        ({"noise": -1.0}, "found -1.0"),
-        ({"noise": np.nan}, "found nan"),
-    ],
-)
-def test_bad_options_are_refused(displacement_of, options, message):
-    with pytest.raises(InputError, match=message):
-        velocity(displacement_of(np.arange(20.0), np.arange(20.0) ** 2), **options)
+        velocity(record, **options)
 
 
 @settings(max_examples=6, deadline=None)

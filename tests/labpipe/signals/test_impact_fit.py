@@ -113,10 +113,10 @@ STIFF = Prony(2.5e9, 4e7 * (_TIMES / 1e-3) ** -0.06, _TIMES, nu=0.38)
 """A plastic that returns nearly all of its speed, so that most of the loss is a light plate's."""
 
 
-@pytest.mark.parametrize("mass", [20.0, 45.0])
-def test_on_a_light_plate_restitutions_are_free_of_its_part(mass: float) -> None:
-    """Without the plate's mass the first impact is 0.4 u (45 kg) to 1.1 u (20 kg) too low."""
-    plate, release, height = Plate(mass, 220.0, 0.03), 0.02, 5e-3
+def test_on_a_light_plate_restitutions_are_free_of_its_part() -> None:
+    """Without the plate's mass the first impact is 1.1 u too low."""
+    mass, release, height = 20.0, 0.02, 5e-3
+    plate = Plate(mass, 220.0, 0.03)
     time = np.arange(0.0, 0.18, 5e-5)
     truth = drop(
         STIFF, 9.525e-3, _MASS, height, 0.16, times=np.maximum(time - release, 0.0)[400:], rtol=1e-5, plate=plate
