@@ -1,4 +1,8 @@
-"""Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
+"""Signals in time: derivative, events, oscillation, alignment, repeats, metrics.
+
+The fit of each impact with the prior of its pulse, coloured noise and a light plate, the hum of the mains between
+flights, and the compiled band solver that keeps the spline within a few filters' time need most of the lines.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -9,8 +13,7 @@ if TYPE_CHECKING:
     from labpipe.signals._as_fitted import as_fitted as as_fitted
     from labpipe.signals._bounces import PHASES as PHASES, bounces as bounces
     from labpipe.signals._derivative import velocity as velocity
-    from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
-    from labpipe.signals._floor import Floor as Floor
+    from labpipe.signals._first_touch import first_touch as first_touch
     from labpipe.signals._hum import MAINS as MAINS, Hum as Hum, hum_at_rest as hum_at_rest
     from labpipe.signals._hysteresis import (
         Window as Window,
@@ -20,7 +23,6 @@ if TYPE_CHECKING:
     from labpipe.signals._metrics import (
         Agreement as Agreement,
         agreement as agreement,
-        compare as compare,
         independent_count as independent_count,
         nrmse as nrmse,
     )
@@ -33,5 +35,6 @@ if TYPE_CHECKING:
     )
     from labpipe.signals._outliers import LONGEST_RUN as LONGEST_RUN, Outliers as Outliers, outliers as outliers
     from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
+    from labpipe.signals._shape_prior import Floor as Floor
 else:
     __getattr__ = lazily(__name__)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, refuse_infinite
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 
 _ROUNDING = 1e-6  # of an interval
 
@@ -69,22 +69,19 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     time = interval * np.arange(np.ceil(first / interval - _ROUNDING), np.floor(last / interval + _ROUNDING) + 1)
     values = np.empty((len(own), len(time)))
     for row, t, record in zip(values, own, records, strict=True):
-        slack = _ROUNDING * (t[-1] - t[0]) / (t.size - 1)
-        row[:] = np.where((time >= t[0] - slack) & (time <= t[-1] + slack), np.interp(time, t, record.values), np.nan)
+        t[[0, -1]] += _ROUNDING * (t[-1] - t[0]) / (t.size - 1) * np.array([-1.0, 1.0])
+        row[:] = np.interp(time, t, record.values, left=np.nan, right=np.nan)
     n = np.isfinite(values).sum(axis=0)
     mean = np.where(n > 0, np.nansum(values, axis=0) / np.maximum(n, 1), np.nan)
     spread = np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1)
     sd = np.where(n > 1, np.sqrt(spread), np.nan)
     label = records[0].attrs.get("long_name", str(name))
 
-    def text(note: str) -> dict[str, str]:
-        return described(str(units), f"{label}, {note}")
-
     return xr.Dataset(
         {
             str(name): variable(("repeat", "time"), values, str(units), label),
-            f"{name}_mean": ("time", mean, text("mean of the repeats")),
-            f"{name}_sd": ("time", sd, text("standard deviation over repeats")),
+            f"{name}_mean": variable("time", mean, str(units), f"{label}, mean of the repeats"),
+            f"{name}_sd": variable("time", sd, str(units), f"{label}, standard deviation over repeats"),
             "n": variable("time", n.astype(float), "1", "repeats at this time"),
             "is_outlier": ("repeat", _outliers(values), {"long_name": "is an outlier among the repeats"}),
         },

@@ -5,11 +5,11 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._bounces import LABELS, TOGETHER, combined, fitted
-from labpipe.signals._floor import Floor
+from labpipe.signals._bounces import TOGETHER, fitted
+from labpipe.signals._impact_fit import LABELS, OUTPUTS
 from labpipe.signals._noise_spectrum import WHITE
 from labpipe.signals._reversals import Turn
-from labpipe.signals._shape_prior import PRIORS
+from labpipe.signals._shape_prior import PRIORS, Floor
 from labpipe.variables import variable
 
 
@@ -73,7 +73,7 @@ def as_fitted(
     found = np.full((count, len(TOGETHER)), np.nan)
     for row, fit, turn in zip(found, fits, turns, strict=False):
         if abs(fit.value[0] - turn.touch) < 0.3 * turn.duration:  # no fit of the same impact is further off
-            row[:] = [combined(name, fit.value, 1)[0] for name in TOGETHER]
+            row[:] = [fit.value[OUTPUTS.index(name)] for name in TOGETHER]
     return xr.Dataset(
         {
             name: variable("impact", values, LABELS[name][0], f"{LABELS[name][1]}, as a fit to the motion finds it")

@@ -6,7 +6,6 @@ of free flight); :mod:`._impact_fit` then fits each with its two ballistic arcs.
 
 import json
 import warnings
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,9 +14,8 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._derivative import checked_record
-from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._hum import Hum, Stretch, hum_of
-from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
+from labpipe.signals._impact_fit import LABELS, OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
 from labpipe.signals._noise_spectrum import Colour, corner_in_flight, excess_of_rate
 from labpipe.signals._outliers import outliers
@@ -33,9 +31,9 @@ from labpipe.signals._reversals import (
     first_fall,
     flights_after,
 )
-from labpipe.signals._shape_prior import PRIORS, SHAPE, ShapePrior
+from labpipe.signals._shape_prior import PRIORS, SHAPE, Floor, ShapePrior
 from labpipe.signals._smoothing_spline import Smooth, evaluate, smooth
-from labpipe.uncertainty import propagated_covariance, propagated_u
+from labpipe.uncertainty import propagated_u
 from labpipe.variables import variable, with_u
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
@@ -45,7 +43,6 @@ LONGEST_ARC = 12e-3
 """Flight [s] used on either side of an impact; longer adds less than the pulse costs."""
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
-_RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
 _ENDS = 4  # readings at either end of a record that do not show which way it falls
 _LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
@@ -64,30 +61,6 @@ _SHARED = (
 
 TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
 """Quantities of an impact that are compared together: the part of their errors in common is stated with its sign."""
-
-LABELS = {
-    "touch_time": ("s", "time of touch"),
-    "liftoff_time": ("s", "time of lift-off"),
-    "incoming_speed": ("m/s", "speed at touch"),
-    "outgoing_speed": ("m/s", "speed at lift-off"),
-    "restitution": ("1", "coefficient of restitution"),
-    "touch_level": ("m", "displacement at touch"),
-    "liftoff_level": ("m", "displacement at lift-off"),
-    "deepest_level": ("m", "displacement at the deepest point"),
-    "penetration": ("m", "depth from touch to the deepest point"),
-    "contact_duration": ("s", "time from touch to lift-off"),
-    "peak_acceleration": ("m/s2", "largest acceleration by the contact force"),
-    "apex_time": ("s", "time of the highest point after the bounce"),
-    "apex_height": ("m", "height of the flight above lift-off"),
-}
-"""Reported quantities of an impact: units and meaning."""
-
-_DERIVED: dict[str, Callable[[Any], Any]] = {
-    "penetration": lambda fit: fit["touch_level"] - fit["deepest_level"],
-    "contact_duration": lambda fit: fit["liftoff_time"] - fit["touch_time"],
-    "apex_time": lambda fit: fit["liftoff_time"] + fit["outgoing_speed"] / fit["gravity"],
-    "apex_height": lambda fit: 0.5 * fit["outgoing_speed"] ** 2 / fit["gravity"],
-}
 
 
 def bounces(
@@ -128,7 +101,7 @@ def bounces(
         higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
         more than twice as strong (0 when it is white), ``work``; where there is a hum of the mains,
         ``hum`` (:meth:`labpipe.signals.Hum.to_text`), which was taken out before anything was
-        measured, and ``u_hum`` (m), its remainder, which is in every ``u_``.
+        measured; its remainder is in every ``u_``.
 
     Raises
     ------
@@ -172,11 +145,7 @@ def bounces(
         raise InputError("the displacement does not change: no drop in this record")
     wild = outliers(values, time, noise=sigma)
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
-    try:
-        return _measured(time[~wild.flags], values[~wild.flags], sigma, known, contact, floor)
-    except InputError as error:
-        disturbed = wild.interruption(time, values)
-        raise (InputError(f"{disturbed}; {error}") if disturbed else error) from None
+    return _measured(time[~wild.flags], values[~wild.flags], sigma, known, contact, floor)
 
 
 def _measured(
@@ -214,8 +183,7 @@ def _measured(
     found = _per_impact(impacts, direction)
     found |= _release(time, height, (sigma, colour), turns[0], impacts[0], (fall, u_fall), direction)
     found |= _rest(time, values, motion.speed, motion.u_speed, impacts[0], last_touch)
-    found["fall_acceleration"] = variable((), fall, "m/s2", "acceleration of the free fall")
-    found["u_fall_acceleration"] = variable((), u_fall, "m/s2", "standard uncertainty of the fall")
+    found |= with_u("fall_acceleration", (), fall, u_fall, "m/s2", "acceleration of the free fall")
     numbered = variable("impact", np.arange(1, len(impacts) + 1), "1", "number of the impact")
     result = xr.Dataset(
         found, coords={"impact": numbered, "unknown": [*SHAPE, *(f"noise, {name}" for name in TOGETHER)]}
@@ -227,7 +195,7 @@ def _measured(
     }
     result.attrs = {"direction": direction, "noise": sigma, "noise_corner": colour.corner, "work": json.dumps(counts)}
     if hum is not None:
-        result.attrs |= {"hum": hum.to_text(), "u_hum": float(np.sqrt(np.mean(hum.remaining(time) ** 2)))}
+        result.attrs["hum"] = hum.to_text()
     return result
 
 
@@ -289,8 +257,7 @@ def fitted(
     """Fit impact after impact until flights can no longer be distinguished from vibration."""
     sigma, colour = noise
     impacts: list[ImpactFit] = []
-    beneath = None if floor is None else Beneath(floor)
-    fall, _ = gravity
+    fall, swing = gravity[0], 0.0
     for turn, after in zip(turns, flights_after(time, turns), strict=True):
         if not _is_flight(*curvature(time[after], height[after], sigma, colour), fall):
             return impacts, turn.touch
@@ -306,32 +273,25 @@ def fitted(
             if impacts:
                 return impacts, turn.touch
             raise InputError(f"no bounce found: hardly any reading is near the contact at {turn.touch:.4g} s")
-        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
-        beneath = impacts[-1].beneath
+        impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, floor, swing))
+        if floor is not None:
+            incoming, outgoing = impacts[-1].value[2:4].tolist()
+            swing = floor.share * (incoming + outgoing) / np.sqrt(2.0)
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
 
 
 def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     """Collect the fits over the dimension impact."""
-    columns: dict[str, list[tuple[float, float, float]]] = {name: [] for name in LABELS}
-    common = []
-    for impact in impacts:
-        gradients = {}
-        for name in LABELS:
-            value, gradient = combined(name, impact.value, direction)
-            gradients[name] = gradient
-            u_shape = float(np.linalg.norm(gradient @ impact.by_shape))
-            columns[name].append((value, float(propagated_u(gradient, impact.covariance)), u_shape))
-        common.append(_in_common(np.array([gradients[name] for name in TOGETHER]), impact))
     found: dict[str, Any] = {}
-    for name, (unit, label) in LABELS.items():
-        values, u_values, shared = np.array(columns[name]).T
-        found[name] = variable("impact", values, unit, label)
-        found[f"u_{name}"] = variable("impact", u_values, unit, f"standard uncertainty of {label}")
+    for k, (name, (unit, label)) in enumerate(LABELS.items()):
+        values = [impact.value[k] * (direction if name.endswith("_level") else 1) for impact in impacts]
+        found |= with_u(name, "impact", values, [np.sqrt(impact.covariance[k, k]) for impact in impacts], unit, label)
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
+            shared = [np.linalg.norm(impact.by_shape[k]) for impact in impacts]
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
-    for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
+    common = np.array([_in_common(impact) for impact in impacts])
+    for name, parts in zip(TOGETHER, np.moveaxis(common, 1, 0), strict=True):
         text = f"change of {LABELS[name][1]} by one deviation of each common unknown"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
     chi_square = [impact.chi_square for impact in impacts]
@@ -339,26 +299,19 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     return found
 
 
-def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
+def _in_common(impact: ImpactFit) -> Floats:
     """Return the change by each common unknown of each of :data:`TOGETHER` (quantity, unknown) of one impact.
 
     Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
     symmetric root of the rest of the covariance, which is the same in all repeats.
     """
-    by_shape = gradients @ impact.by_shape
-    left = propagated_covariance(gradients, impact.covariance) - by_shape @ by_shape.T
+    rows = [OUTPUTS.index(name) for name in TOGETHER]
+    by_shape = impact.by_shape[rows]
+    left = impact.covariance[np.ix_(rows, rows)] - by_shape @ by_shape.T
     size = np.sqrt(np.maximum(np.diagonal(left), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(left / np.outer(size, size))
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return np.hstack([by_shape, size[:, None] * root])
-
-
-def combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
-    """One reported quantity and its derivative by the outputs of the fit (complex step)."""
-    sign = direction if name.endswith("_level") else 1
-    moved = dict(zip(OUTPUTS, (value[:, None] + 1e-30j * np.eye(len(OUTPUTS))), strict=True))
-    found = _DERIVED[name](moved) if name in _DERIVED else moved[name]
-    return sign * float(found[0].real), sign * found.imag / 1e-30
 
 
 def _release(
@@ -383,9 +336,7 @@ def _release(
         # Slow drift or hum makes the turn begin while the body still rests. The last third of the
         # rest falls for certain and says when the release was.
         (_, speed, rate), _ = fallen(int(np.searchsorted(time, touch - (touch - time[start]) / 3)))
-        release = touch + speed / rate
-        if release - time[start] > _RESTED * (touch - release):
-            start = int(np.searchsorted(time, release))
+        start = max(start, int(np.searchsorted(time, touch + speed / rate)))
         (level, speed, rate), covariance = fallen(start)
     except np.linalg.LinAlgError as error:
         text = f"the readings of the fall before the first touch at {touch:.6g} s do not determine when it began"

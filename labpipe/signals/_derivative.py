@@ -84,14 +84,13 @@ def velocity(
     ------
     InputError
         No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit
-        than m, times that do not increase, fewer than two readings, infinite values, a negative noise,
-        breaks that are not finite, or a window below 1 or longer than the record.
+        than m, times that do not increase, fewer than two readings (12 for the spline), infinite values, a negative
+        noise, breaks that are not finite, or a window below 1 or longer than the record.
 
     Warns
     -----
     UserWarning
-        Fewer than 12 readings: differences are used instead of the spline. Outliers left out, or a run of them that is
-        too long to be left out (:func:`labpipe.signals.outliers`).
+        Outliers left out (:func:`labpipe.signals.outliers`).
 
     Notes
     -----
@@ -127,31 +126,27 @@ def velocity(
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise InputError(f"noise must be a standard deviation in m, >= 0; found {sigma}")
         known = Noise(max(sigma, known.step / np.sqrt(12.0)), known.step, 1)
-    elif len(t) < _FEWEST_FOR_SPLINE:
-        known = Noise(float("nan"), known.step, 1)
-    used: str = method
-    if method == "spline" and len(t) < _FEWEST_FOR_SPLINE:
-        text = (
-            f"{len(t)} readings are too few for a spline (at least {_FEWEST_FOR_SPLINE}); central "
-            "differences are used and, unless the noise is given, the uncertainty is unknown"
-        )
-        warnings.warn(text, UserWarning, stacklevel=2)
-        used = "difference"
-    if used == "spline":
+    if method == "spline":
+        if len(t) < _FEWEST_FOR_SPLINE:
+            raise InputError(
+                f"a spline needs {_FEWEST_FOR_SPLINE} readings, found {len(t)}; for differences, say "
+                'method="difference" and give the noise'
+            )
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
-        v, u, attributes = _spline(t, y, known, noise is None, cuts, hum)
-    elif used in ("thesis", "difference"):
-        if used == "thesis" and not 1 <= window <= len(t):
+        v, u, known, attributes = _spline(t, y, known, noise is None, cuts)
+    elif method in ("thesis", "difference"):
+        if method == "thesis" and not 1 <= window <= len(t):
             raise InputError(f"window must be from 1 to the {len(t)} readings; found {window}")
-        span = window - 1 + window % 2 if used == "thesis" else 1
+        span = window - 1 + window % 2 if method == "thesis" else 1
         v, u = _differences(t, y, known.sigma, span)
-        attributes = _attributes(known, 0, {"samples": len(t)}) | {"window": span}
+        attributes = {"window": span, "n_spikes": 0, "work": json.dumps({"samples": len(t)})}
     else:
         raise InputError(f'method must be "spline", "thesis" or "difference"; found "{method}"')
     if not is_read.all():
         v, u = (np.insert(each, np.searchsorted(t, time[~is_read]), np.nan) for each in (v, u))
     u_velocity = ("time", u, described("m/s", "standard uncertainty of velocity"))
-    attributes = {**described("m/s", "velocity"), "method": used, **attributes}
+    attributes |= {"noise": known.sigma, "noise_block": known.block, "quantisation": known.step}
+    attributes |= described("m/s", "velocity") | {"method": method}
     coordinates = {"time": record["time"].variable, "u_velocity": u_velocity}
     return xr.DataArray(v, coordinates, ["time"], "velocity", attributes)
 
@@ -199,37 +194,35 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], hum: Hum | None
-) -> tuple[Floats, Floats, dict[str, Any]]:
-    """Velocity, uncertainty and attributes of the smoothing spline."""
-    counts = {"samples": len(t)}
+    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]]
+) -> tuple[Floats, Floats, Noise, dict[str, Any]]:
+    """Velocity, uncertainty, noise and attributes of the smoothing spline."""
     if known.sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
-        return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, 0, counts)
+        return np.zeros(len(t)), np.zeros(len(t)), known, {"n_spikes": 0, "work": json.dumps({"samples": len(t)})}
     wild = outliers(y, t, noise=known.sigma)
     n_spikes = int(wild.flags.sum())
-    for text in (wild.message(t) if n_spikes else "", wild.interruption(t, y)):
-        if text:
-            warnings.warn(text, UserWarning, stacklevel=3)
+    if n_spikes:
+        warnings.warn(wild.message(t), UserWarning, stacklevel=3)
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
-    fit = smooth(t[kept], y[kept], known.sigma, *cuts)
-    (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
-    n_updates = fit.n_updates
-    if may_refine and known.block == 1:
+    n_updates = 0
+    while True:
+        fit = smooth(t[kept], y[kept], known.sigma, *cuts)
+        (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
+        n_updates += fit.n_updates
+        if not may_refine or known.block > 1:
+            break
         freedom, left = float(np.sum((u_level[kept] / fit.sigma) ** 2)), (y - level)[kept]
         # The median leaves out the few samples around a jump that no spline follows.
         found = deviation(left) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
         found = max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
-        if abs(np.log(found / known.sigma)) > 0.1:  # fit once more
-            known = known._replace(sigma=found)
-            fit = smooth(t[kept], y[kept], known.sigma, *cuts)
-            n_updates += fit.n_updates
-            (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
+        may_refine = False
+        if abs(np.log(found / known.sigma)) <= 0.1:
+            break
+        known = known._replace(sigma=found)
     u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], known.sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
-    if hum is not None:
-        u = np.hypot(u, hum.remaining_rate(t))
-    counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, _attributes(known, n_spikes, counts)
+    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": n_updates}
+    return v, u, known, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:
@@ -248,8 +241,3 @@ def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Float
     combined = (average @ scheme).tocsr()
     u = sigma * np.sqrt(np.asarray(combined.multiply(combined).sum(axis=1)).ravel())
     return np.asarray(combined @ (y - y.mean())), u
-
-
-def _attributes(known: Noise, n_spikes: int, counts: dict[str, int]) -> dict[str, Any]:
-    noise = {"noise": known.sigma, "noise_block": known.block, "quantisation": known.step}
-    return noise | {"n_spikes": n_spikes, "work": json.dumps(counts)}

@@ -1,4 +1,4 @@
-"""Hum of the mains in a record: one line and its multiples, fitted where nothing else can swing.
+"""Hum of the mains in a record: one line, fitted where nothing else can swing.
 
 Where a body rests or flies its position is a polynomial of time, whatever its material: a line at the frequency of
 the mains is then the sensor's. Each stretch has a polynomial of its own, and one line runs through all of them, so
@@ -16,59 +16,47 @@ from labpipe.arrays import Floats
 
 MAINS = (50.0, 60.0)
 _U_MAINS = 0.05  # Hz, standard uncertainty of the frequency of a grid: the range in which grids are kept
-_ORDERS = (1, 2, 3)  # the mains, and its multiples by a rectifier and a transformer
 _SURE = 1e-6  # probability by chance of a line that is reported
 _CONTROLS = 16  # neighbouring frequencies at which the noise of a line is determined
 
 
 @dataclass(frozen=True, slots=True)
 class Hum:
-    """``sum of a_k cos(2 pi k f s) + b_k sin(2 pi k f s)``, s from ``epoch``, k from ``orders``.
+    """``a cos(2 pi f s) + b sin(2 pi f s)``, s from ``epoch``.
 
     Attributes
     ----------
     frequency : float [Hz]
     epoch : float [s]
-    orders : tuple of int
-    parameters : array (2 n,)
-        a and b of each order, in the unit of the record.
-    covariance : array (2 n + 1, 2 n + 1)
+    parameters : array (2,)
+        a and b, in the unit of the record.
+    covariance : array (3, 3)
         Of them and of the frequency.
     """
 
     frequency: float
     epoch: float
-    orders: tuple[int, ...]
     parameters: Floats
     covariance: Floats
 
     @property
     def amplitude(self) -> float:
-        """Root of the sum of the squares of all amplitudes."""
+        """Amplitude, in the unit of the record."""
         return float(np.linalg.norm(self.parameters))
 
     def at(self, time: Floats) -> Floats:
         """Return the hum at times (n,) [s]."""
-        return np.asarray(_waves(time - self.epoch, self.frequency, self.orders) @ self.parameters)
+        return np.asarray(_waves(time - self.epoch, self.frequency) @ self.parameters)
 
     def modes(self, time: Floats) -> Floats:
         """Return the possible remainder of the hum: independent errors (n, p) of all readings, of one u each."""
         values, vectors = np.linalg.eigh(self.covariance)
-        design = _waves(time - self.epoch, self.frequency, self.orders, self.parameters)
+        design = _waves(time - self.epoch, self.frequency, self.parameters)
         return np.asarray(design @ (vectors * np.sqrt(np.maximum(values, 0.0))))
-
-    def remaining(self, time: Floats) -> Floats:
-        """Return the standard uncertainty (n,) of the hum at times [s]."""
-        return np.asarray(np.linalg.norm(self.modes(time), axis=1))
-
-    def remaining_rate(self, time: Floats) -> Floats:
-        """Return the standard uncertainty (n,) of the rate of the hum [unit/s]."""
-        step = 1e-3 / (2 * np.pi * self.frequency * max(self.orders))  # a difference over 1e-3 rad is good to 2e-7
-        return np.asarray(np.linalg.norm(self.modes(time + step) - self.modes(time - step), axis=1)) / (2 * step)
 
     def scaled(self, factor: float) -> "Hum":
         """Return the same hum in another unit."""
-        by = np.append(np.full(len(self.parameters), factor), 1.0)
+        by = np.array([factor, factor, 1.0])
         return replace(self, parameters=factor * self.parameters, covariance=self.covariance * np.outer(by, by))
 
     def to_text(self) -> str:
@@ -81,8 +69,7 @@ class Hum:
         if text is None:
             return None
         kept = json.loads(text)
-        arrays = {name: np.array(kept[name]) for name in ("parameters", "covariance")}
-        return cls(**kept | arrays | {"orders": tuple(kept["orders"])})
+        return cls(**kept | {name: np.array(kept[name]) for name in ("parameters", "covariance")})
 
 
 class Stretch(NamedTuple):
@@ -120,7 +107,7 @@ def hum_at_rest(time: Floats, values: Floats, noise: float) -> tuple[Hum, bool] 
     # The probability that white noise looks like this is (left/all)^(freedom / 2).
     if left >= total * _SURE ** (2 / freedom):
         return None
-    hum = rest.fitted(line, (1,), left / freedom)
+    hum = rest.fitted(line, left / freedom)
     # One frequency of the mains is better than the other by 14 in chi-square: odds of a thousand.
     is_decided = len(found) > 1 and gain - found[1][0] > 14.0 * left / freedom
     return (hum, is_decided) if hum.amplitude > noise else None
@@ -146,34 +133,17 @@ def hum_of(
     nearest = max(0.12, 1.0 / (known.span * MAINS[0])) if known.span else np.inf
     if nearest > 0.35:
         return otherwise
-    away = np.linspace(nearest, 0.45, _CONTROLS // 2)
-
-    def variance_near(line: float, order: int, left: Floats) -> float:
-        """Return the variance of white noise with the mean power of the neighbours of a multiple of the mains."""
-        return float(np.mean([known.gain((order + step) * line, left) / 2 for step in [*away, *-away]]))
-
-    def is_sure(gain: float, variance: float) -> bool:
-        return (1.0 + gain / (2 * variance) / _CONTROLS) ** -_CONTROLS < _SURE
-
-    best: tuple[float, float, tuple[int, ...]] | None = None
-    for line in MAINS:
-        gains, left = {}, known.values
-        for order in _ORDERS:
-            gain = known.gain(order * line, left)
-            if is_sure(gain, noise**2):
-                design = known.reduced(order * line, (1,))
-                gains[order], left = gain, left - design @ np.linalg.lstsq(design, left, rcond=None)[0]
-        gains = {o: gain for o, gain in gains.items() if is_sure(gain, max(noise**2, variance_near(line, o, left)))}
-        if gains and (best is None or sum(gains.values()) > best[0]):
-            best = (sum(gains.values()), line, tuple(gains))
-    if best is None:
-        return None
-    _, line, orders = best
-    hum = known.fitted(line, orders, noise**2)
+    gain, line = max((known.gain(line, known.values), line) for line in MAINS)
+    hum = known.fitted(line, noise**2)
     # The neighbouring power is known once the line is out at its own frequency.
-    left = known.values - known.reduced(hum.frequency, hum.orders) @ hum.parameters
-    hum = known.fitted(line, orders, max(noise**2, *(variance_near(hum.frequency, order, left) for order in orders)))
-    return hum if abs(hum.frequency - line) < 10 * _U_MAINS else None
+    left = known.values - known.reduced(hum.frequency) @ hum.parameters
+    away = np.linspace(nearest, 0.45, _CONTROLS // 2)
+    near = [known.gain((1.0 + step) * hum.frequency, left) / 2 for step in [*away, *-away]]
+    variance = max(noise**2, float(np.mean(near)))
+    by_chance = (1.0 + gain / (2 * variance) / _CONTROLS) ** -_CONTROLS
+    if by_chance >= _SURE or abs(hum.frequency - line) >= 10 * _U_MAINS:
+        return None
+    return known.fitted(line, variance)
 
 
 class _Stretches:
@@ -193,40 +163,39 @@ class _Stretches:
         times = np.concatenate([t for t, _ in self._parts]) if self._parts else np.zeros(1)
         self._middle, self.span = float(np.mean(times)), float(times[-1] - times[0])
 
-    def reduced(self, frequency: float, orders: tuple[int, ...], parameters: Floats | None = None) -> Floats:
+    def reduced(self, frequency: float, parameters: Floats | None = None) -> Floats:
         """Return the waves, or all derivatives at parameters, less their part in the polynomials."""
         columns = []
         for t, basis in self._parts:
-            waves = _waves(t - self._middle, frequency, orders, parameters)
+            waves = _waves(t - self._middle, frequency, parameters)
             columns.append(waves - basis @ (basis.T @ waves))
         return np.concatenate(columns)
 
     def gain(self, frequency: float, values: Floats) -> float:
         """Return the decrease of the sum of squares by one line."""
-        design = self.reduced(frequency, (1,))
+        design = self.reduced(frequency)
         right = design.T @ values
         return float(right @ np.linalg.lstsq(design.T @ design, right, rcond=None)[0])
 
-    def fitted(self, line: float, orders: tuple[int, ...], variance: float) -> Hum:
+    def fitted(self, line: float, variance: float) -> Hum:
         """Fit the line; its frequency is known beforehand as a grid keeps it."""
         frequency = line
-        parameters: Floats = np.asarray(np.linalg.lstsq(self.reduced(frequency, orders), self.values)[0], float)
+        parameters: Floats = np.asarray(np.linalg.lstsq(self.reduced(frequency), self.values)[0], float)
         for _ in range(4):  # the fit is linear in small changes of the frequency
-            design = self.reduced(frequency, orders, parameters)
+            design = self.reduced(frequency, parameters)
             normal = design.T @ design / variance
             right = design.T @ (self.values - design[:, :-1] @ parameters) / variance
             normal[-1, -1] += 1.0 / _U_MAINS**2
             right[-1] += (line - frequency) / _U_MAINS**2
             step = np.linalg.solve(normal, right)
             parameters, frequency = np.asarray(parameters + step[:-1], float), frequency + float(step[-1])
-        return Hum(frequency, self._middle, orders, parameters, np.asarray(np.linalg.inv(normal), float))
+        return Hum(frequency, self._middle, parameters, np.asarray(np.linalg.inv(normal), float))
 
 
-def _waves(s: Floats, frequency: float, orders: tuple[int, ...], parameters: Floats | None = None) -> Floats:
-    """Return cosine and sine of each order (n, 2 k); with parameters the derivative by the frequency, too."""
-    angles = 2 * np.pi * frequency * np.outer(s, orders)
-    waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(len(s), -1)
+def _waves(s: Floats, frequency: float, parameters: Floats | None = None) -> Floats:
+    """Return cosine and sine (n, 2); with parameters the derivative by the frequency, too (n, 3)."""
+    angle = 2 * np.pi * frequency * s
+    waves = np.column_stack([np.cos(angle), np.sin(angle)])
     if parameters is None:
         return waves
-    weights = 2 * np.pi * np.repeat(orders, 2) * parameters
-    return np.column_stack([waves, s * (waves[:, ::2] @ weights[1::2] - waves[:, 1::2] @ weights[::2])])
+    return np.column_stack([waves, 2 * np.pi * s * (parameters[1] * waves[:, 0] - parameters[0] * waves[:, 1])])

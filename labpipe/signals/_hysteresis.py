@@ -1,10 +1,8 @@
 """Cycles of a harmonic test: the interval of motion, and the work of every cycle."""
 
-import json
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
@@ -12,8 +10,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import difference_sigma, quantisation_step
 from labpipe.signals._oscillation import fit_sinusoid
-from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
-from labpipe.variables import variable
+from labpipe.signals._readings import is_constant, readings_of
 
 _MOVED_SIGMA, _MOVED_SHARE = 6.0, 5e-3  # off its rest level by noise, and by part of the range
 _FIRST = 10  # readings that are taken to be at rest, if any are
@@ -53,13 +50,7 @@ def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float |
     The rule: the motion begins with the first, and ends with the last reading that is further from
     the level at that end of the record than six standard deviations and 0.5 % of the range.
     """
-    t, x = np.asarray(time, float), np.asarray(position, float)
-    if t.ndim != 1 or t.shape != x.shape:
-        raise InputError(f"time and position must be one-dimensional, of one shape: {t.shape} and {x.shape}")
-    t = checked_times(t)
-    refuse_infinite(x, "position")
-    finite = np.isfinite(x)
-    t, x = t[finite], x[finite]
+    t, x = readings_of(time=time, position=position)
     if len(x) < 16 or is_constant(x):
         raise InputError(f"no motion in {len(x)} readings")
     extent = float(np.ptp(x))
@@ -88,7 +79,7 @@ def hysteresis_loops(
     *,
     start: float | None = None,
     end: float | None = None,
-) -> xr.Dataset:
+) -> Floats:
     """Cut a driven test into cycles and measure the area of the loop of each.
 
     Parameters
@@ -102,8 +93,8 @@ def hysteresis_loops(
 
     Returns
     -------
-    Dataset
-        Over ``cycle`` (numbered from 1): ``cycle_start`` [s] and ``work`` [J], dissipated by the solid.
+    array (cycle,) [J]
+        Work that the solid dissipates in each cycle.
 
     Raises
     ------
@@ -112,7 +103,7 @@ def hysteresis_loops(
 
     Notes
     -----
-    ``work`` is the area inside the path (x, F) of one period, closed by taking out the linear
+    The work is the area inside the path (x, F) of one period, closed by taking out the linear
     drift of both; between readings the path is a cubic spline, so sparse sampling does not cut the
     loop's corners (a polygon of 50 readings per cycle is 0.3 % too small).
 
@@ -121,15 +112,12 @@ def hysteresis_loops(
     >>> time = np.arange(0.0, 10.0, 0.02)
     >>> angle = 2 * np.pi * time
     >>> found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
-    >>> round(float(found.work.mean() / (np.pi * 2e-4 * np.sin(0.1))), 3)
+    >>> round(float(found.mean() / (np.pi * 2e-4 * np.sin(0.1))), 3)
     1.0
     """
-    t, x, load = (np.asarray(a, float) for a in (time, position, force))
-    if not (t.shape == x.shape == load.shape and t.size):
-        raise InputError(f"time, position and force must be of one shape: {t.shape}, {x.shape} and {load.shape}")
-    t = checked_times(t)
-    refuse_infinite(x, "position")
-    refuse_infinite(load, "force")
+    t, x, load = readings_of(time=time, position=position, force=force)
+    if not t.size:
+        raise InputError("position or force has unread samples alone: no loop")
     begin = float(t[0]) if start is None else start
     stop = float(t[-1]) if end is None else end
     inside = (t >= begin - 1.0 / frequency) & (t <= stop + 1.0 / frequency)
@@ -143,18 +131,11 @@ def hysteresis_loops(
             f"loops need a whole cycle of eight readings; found {(stop - begin) * frequency:.3g} "
             f"cycles of {1.0 / (interval * frequency):.3g} readings"
         )
-    if not (np.isfinite(x).all() and np.isfinite(load).all()):
+    unread = np.setdiff1d(time, t)
+    if np.any((unread > begin) & (unread < begin + count / frequency)):
         raise InputError("position or force has unread samples inside the cycles; choose start and end")
     starts, phase = begin + np.arange(count) / frequency, np.linspace(0.0, 1.0, _POINTS_PER_CYCLE + 1)
     loops = CubicSpline(t, np.column_stack([x, load]))(starts[:, None] + phase / frequency)
     loops -= phase[:, None] * (loops[:, -1:] - loops[:, :1])
     moved, pushed = np.moveaxis(loops - loops.mean(axis=1, keepdims=True), -1, 0)
-    work = 0.5 * np.sum(moved[:, 1:] * pushed[:, :-1] - moved[:, :-1] * pushed[:, 1:], axis=1)
-    return xr.Dataset(
-        {
-            "cycle_start": variable("cycle", starts, "s", "start of the cycle"),
-            "work": variable("cycle", work, "J", "work dissipated in the cycle"),
-        },
-        coords={"cycle": variable("cycle", np.arange(1, count + 1), "1", "number of the cycle")},
-        attrs={"work": json.dumps({"cycles": count, "points": count * _POINTS_PER_CYCLE})},
-    )
+    return np.asarray(0.5 * np.sum(moved[:, 1:] * pushed[:, :-1] - moved[:, :-1] * pushed[:, 1:], axis=1))

@@ -19,7 +19,7 @@ the speed returns polymers scatter more about it and the stated uncertainty is e
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -28,9 +28,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import leastsq
 
 from labpipe.arrays import Floats
-from labpipe.signals._floor import Beneath
 from labpipe.signals._noise_spectrum import WHITE, Colour, coloured_covariance, coloured_power
-from labpipe.signals._shape_prior import PRIORS, SHAPE, Character, ShapePrior, expected_shape
+from labpipe.signals._shape_prior import PRIORS, SHAPE, Character, Floor, ShapePrior, expected_shape
 from labpipe.uncertainty import propagated_covariance
 
 NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "crest", "onset", "touch", "liftoff", "gravity")
@@ -41,7 +40,6 @@ _N_CHEBYSHEV = 5
 _ONSET = 1.0  # exponent
 _NODES = 4001  # linear interpolation between them is good to 1e-8 of the pulse
 _STRIDE = 10  # of these nodes, by which the path in contact is followed
-_EVERY = 20  # of these nodes, by which a floor's motion is followed: to 1e-4 of it
 
 _SHAPE = [NAMES.index(name) for name in SHAPE]
 _TOUCH, _LIFTOFF, _GRAVITY = (NAMES.index(name) for name in ("touch", "liftoff", "gravity"))
@@ -64,8 +62,7 @@ class ImpactFit:
     polymers the shapes of the first three differ equally from the expected one, correlation 0.97 and
     more), and their mean errs no less.
     ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations;
-    ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any;
-    ``beneath`` is how the plate swings at lift-off, where it is known.
+    ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
     """
 
     value: Floats
@@ -74,21 +71,26 @@ class ImpactFit:
     chi_square: float
     n_evaluations: int
     unread: tuple[float, float] | None = None
-    beneath: Beneath | None = None
 
 
-OUTPUTS = (
-    "touch_time",
-    "liftoff_time",
-    "incoming_speed",
-    "outgoing_speed",
-    "touch_level",
-    "liftoff_level",
-    "deepest_level",
-    "peak_acceleration",
-    "restitution",
-    "gravity",
-)
+LABELS = {
+    "touch_time": ("s", "time of touch"),
+    "liftoff_time": ("s", "time of lift-off"),
+    "incoming_speed": ("m/s", "speed at touch"),
+    "outgoing_speed": ("m/s", "speed at lift-off"),
+    "touch_level": ("m", "displacement at touch"),
+    "liftoff_level": ("m", "displacement at lift-off"),
+    "deepest_level": ("m", "displacement at the deepest point"),
+    "apex_time": ("s", "time of the highest point after the bounce"),
+    "apex_height": ("m", "height of the flight above lift-off"),
+    "penetration": ("m", "depth from touch to the deepest point"),
+    "contact_duration": ("s", "time from touch to lift-off"),
+    "peak_acceleration": ("m/s2", "largest acceleration by the contact force"),
+    "restitution": ("1", "coefficient of restitution"),
+}
+"""Reported quantities of an impact: units and meaning."""
+
+OUTPUTS = (*LABELS, "gravity")
 
 
 def _tables() -> tuple[Floats, Floats, Floats, Floats]:
@@ -129,14 +131,15 @@ def fit_impact(
     u_gravity: float,
     prior: ShapePrior = PRIORS["any"],
     colour: Colour = WHITE,
-    beneath: Beneath | None = None,
+    floor: Floor | None = None,
+    swing: float = 0.0,
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
     ``time`` [s] and ``position`` [m] (n,) run from within the flight before to within the flight after, upwards
     positive, with the standard deviation ``sigma`` of a sample; ``guess`` are touch and lift-off time, roughly.
-    ``prior`` is one of :data:`PRIORS`, ``colour`` that of the noise, and ``beneath`` the plate under the contact and
-    how it swings, which by default `prior` covers.
+    ``prior`` is one of :data:`PRIORS`, ``colour`` that of the noise, ``floor`` the plate under the contact, and
+    ``swing`` [m/s] the amplitude of its speed after earlier impacts.
     """
     reference, duration = 0.5 * (guess[0] + guess[1]), guess[1] - guess[0]
     t = time - reference
@@ -144,17 +147,17 @@ def fit_impact(
     y = position - height
     start = _start(t, y, duration, gravity)
     scale = np.array([sigma, sigma / duration, start[2], *np.ones(len(_SHAPE)), duration, duration, gravity])
-    swung = None if beneath is None else beneath.since(reference)
-    character, left = _character(start, swung)
+    character = _character(start, floor, swing)
     n_evaluations = 0
     for _ in range(_LOSS_UPDATES):
         mean, spread = expected_shape(prior, character)
         if n_evaluations == 0:
             start[_SHAPE] = mean
-        pull = _Pull(np.append(mean, gravity), block_diag(np.linalg.inv(spread[:, None] * prior.root), 1 / u_gravity))
-        p, jacobian, misfit, n = _minimise(t, y, sigma, pull, start, scale)
+        expected = np.append(mean, gravity)
+        whitening = block_diag(np.linalg.inv(spread[:, None] * prior.root), 1.0 / u_gravity)
+        p, jacobian, misfit, n = _minimise(t, y, sigma, expected, whitening, start, scale)
         n_evaluations += n
-        previous, (character, left) = character, _character(p, swung)
+        previous, character = character, _character(p, floor, swing)
         start = p
         if abs(character.loss - previous.loss) < _LOSS_SETTLED:
             break
@@ -165,10 +168,10 @@ def fit_impact(
     factor = max(excess, 1.0) * (1.0 + (max(character.loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
     covariance = factor * coloured_covariance(jacobian, inverse, time, colour, sigma) * np.outer(scale, scale)
-    ties = np.sqrt(factor) * inverse[:, _SHAPE] @ (scale[_SHAPE] * pull.whitening[:-1, :-1]).T
+    ties = np.sqrt(factor) * inverse[:, _SHAPE] @ (scale[_SHAPE] * whitening[:-1, :-1]).T
     value, gradient = _outputs(p, scale)
-    value[:2] += reference
-    value[4:7] += height
+    value[[OUTPUTS.index(name) for name in LABELS if name.endswith("_time")]] += reference
+    value[[OUTPUTS.index(name) for name in LABELS if name.endswith("_level")]] += height
     output_covariance = propagated_covariance(gradient, covariance)
     by_shape = gradient @ (scale[:, None] * ties)
     # The widest gap among the readings that meets the contact, if it hides it.
@@ -177,8 +180,7 @@ def fit_impact(
     if gaps[widest] > max(_HIDING * float(value[1] - value[0]), _GAP * float(np.median(np.diff(time)))):
         unread = float(time[widest]), float(time[widest + 1])
         output_covariance = output_covariance + _of_unread(value, float(gaps[widest]))
-    left = None if left is None else left.since(-reference)
-    return ImpactFit(value, output_covariance, by_shape, chi_square, n_evaluations, unread, left)
+    return ImpactFit(value, output_covariance, by_shape, chi_square, n_evaluations, unread)
 
 
 def _of_unread(value: Floats, gap: float) -> Floats:
@@ -188,36 +190,30 @@ def _of_unread(value: Floats, gap: float) -> Floats:
     the gap are not known at all. Fitted and true time are both somewhere in
     the gap: their difference has the standard deviation gap / sqrt(6).
     """
-    touch, liftoff, incoming, outgoing, touch_level, liftoff_level, deepest, peak, restitution, _ = np.eye(len(OUTPUTS))
-    _, _, before, after, _, _, _, strongest, _, gravity = value
-    rows = np.array(
-        [
-            touch - before * touch_level + gravity * incoming - gravity * after / before**2 * restitution,
-            liftoff + after * liftoff_level - gravity * outgoing - gravity / before * restitution,
-            before * deepest,
-        ]
-    )
-    rows = np.vstack([rows * gap / np.sqrt(6.0), strongest * peak])
+    by, of = dict(zip(OUTPUTS, np.eye(len(OUTPUTS)), strict=True)), dict(zip(OUTPUTS, value.tolist(), strict=True))
+    before, after, gravity = of["incoming_speed"], of["outgoing_speed"], of["gravity"]
+    touch = by["touch_time"] - before * (by["touch_level"] + by["penetration"]) - by["contact_duration"]
+    touch += gravity * by["incoming_speed"] - gravity * after / before**2 * by["restitution"]
+    liftoff = by["liftoff_time"] + after * (by["liftoff_level"] - by["apex_height"]) + by["contact_duration"]
+    liftoff -= gravity * by["outgoing_speed"] + gravity / before * by["restitution"]
+    rows = np.array([touch, liftoff, before * (by["deepest_level"] - by["penetration"])]) * gap / np.sqrt(6.0)
+    rows = np.vstack([rows, of["peak_acceleration"] * by["peak_acceleration"]])
     return rows.T @ rows
 
 
-class _Pull(NamedTuple):
-    """Mean of the parameters :data:`_WITH_PRIOR`, and the whitening of their deviations."""
-
-    mean: Floats
-    whitening: Floats
-
-
 def _minimise(
-    t: Floats, y: Floats, sigma: float, pull: _Pull, start: Floats, scale: Floats
+    t: Floats, y: Floats, sigma: float, expected: Floats, whitening: Floats, start: Floats, scale: Floats
 ) -> tuple[Floats, Floats, float, int]:
-    """Parameters, derivatives of all residuals by the scaled ones, sum of squared misfits, evaluations."""
-    ties = pull.whitening @ np.eye(len(NAMES))[_WITH_PRIOR]
+    """Parameters, derivatives of all residuals by the scaled ones, sum of squared misfits, evaluations.
+
+    ``expected`` are the parameters :data:`_WITH_PRIOR`, ``whitening`` that of the deviations from them.
+    """
+    ties = whitening @ np.eye(len(NAMES))[_WITH_PRIOR]
 
     def residual(scaled: Floats) -> Floats:
         p = scaled * scale
         misfit = (_model(t, p)[0] - y) / sigma
-        return np.concatenate([misfit, pull.whitening @ (p[_WITH_PRIOR] - pull.mean)])
+        return np.concatenate([misfit, whitening @ (p[_WITH_PRIOR] - expected)])
 
     def jacobian(scaled: Floats) -> Floats:
         return np.concatenate([_model(t, scaled * scale)[1] / sigma, ties]) * scale
@@ -243,22 +239,13 @@ def _minimise(
     return found * scale, jacobian(found), misfit, n_evaluations
 
 
-def _character(p: Floats, beneath: Beneath | None) -> tuple[Character, Beneath | None]:
-    """Return the arguments of the expected shape, and the swing of the plate at lift-off."""
-    touch, liftoff, gravity = p[_TOUCH], p[_LIFTOFF], p[_GRAVITY]
-    ((before,), (outgoing,)) = _speeds(p[None])
-    incoming = max(float(before), 1e-3 * abs(float(outgoing)) + 1e-9)
-    length = liftoff - touch
-    if beneath is None or not length > 0.0:
-        return Character.of(float(outgoing) / incoming, float(gravity * length) / incoming), beneath
-    pulse = p[2] * (np.append(1.0, p[_SHAPE]) @ _SHAPES)[::_EVERY]
-    met, left = beneath.struck(float(touch), float(length), pulse)
-    approach = max(incoming - met.speed[0], 1e-3 * incoming)
-    returned = float(outgoing + met.speed[-1]) / approach
-    per_pull = length / approach
-    pulled, tilted = met.pull.mean(), 3.0 * (met.pull * np.linspace(-1.0, 1.0, pulse.size)).mean()
-    known = Character.of(returned, float(gravity + pulled) * per_pull, float(tilted) * per_pull)
-    return known._replace(u_loss=met.u_speed / approach), left
+def _character(p: Floats, floor: Floor | None, swing: float) -> Character:
+    """Return the arguments of the expected shape: of the speed that is lost, the plate's part is not the solid's."""
+    ((before,), (after,)) = _speeds(p[None])
+    incoming, length = max(float(before), 1e-3 * abs(float(after)) + 1e-9), float(p[_LIFTOFF] - p[_TOUCH])
+    taken = 0.0 if floor is None else floor.speed(incoming + float(after), length)
+    loss = 1.0 - (float(after) + taken) / incoming
+    return Character(min(max(loss, 0.0), 1.0), float(p[_GRAVITY]) * length / incoming, swing / incoming)
 
 
 def _start(t: Floats, y: Floats, duration: float, gravity: float) -> Floats:
@@ -300,10 +287,12 @@ def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     path = level + speed * inside - 0.5 * gravity * inside**2 + pulse * length**2 * (shape @ _SECOND[:, ::_STRIDE]).T
     acceleration = pulse * (shape @ _SHAPES).T
     incoming, outgoing = _speeds(sets)
-    kinematics = (touch, liftoff, incoming, outgoing, path[0], path[-1])
-    found = np.stack([*kinematics, path.min(axis=0), acceleration.max(axis=0), outgoing / incoming, gravity], axis=1)
-    upper, lower = np.split(found[1:], 2)
-    return found[0], (upper - lower).T / (2.0 * np.diag(steps))
+    lowest, apex = path.min(axis=0), (liftoff + outgoing / gravity, 0.5 * outgoing**2 / gravity)
+    derived = (path[0] - lowest, liftoff - touch, acceleration.max(axis=0), outgoing / incoming, gravity)
+    kinematics = (touch, liftoff, incoming, outgoing, path[0], path[-1], lowest)
+    values = np.stack([*kinematics, *apex, *derived], axis=1)  # in the order of OUTPUTS
+    upper, lower = np.split(values[1:], 2)
+    return values[0], (upper - lower).T / (2.0 * np.diag(steps))
 
 
 def _speeds(p: Floats) -> tuple[Floats, Floats]:

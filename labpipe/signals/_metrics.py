@@ -1,4 +1,4 @@
-"""How well two curves agree: normalised error, bias, largest difference, limits of agreement.
+"""How well two curves agree: normalised error, bias, limits of agreement.
 
 The thesis compares by eye; these are the figures that it lacks.
 """
@@ -6,14 +6,12 @@ The thesis compares by eye; these are the figures that it lacks.
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._readings import is_constant, refuse_infinite
-from labpipe.variables import variable
+from labpipe.signals._readings import is_constant, readings_of
 
 
 def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
@@ -47,60 +45,11 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     return round(float(np.sqrt(np.mean((a - b) ** 2)) / np.ptp(b)), 15)
 
 
-def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Floats, Floats]:
-    a, b = np.asarray(measured, float), np.asarray(model, float)
-    if a.shape != b.shape:
-        raise InputError(f"the two curves differ in shape: {a.shape} and {b.shape}")
-    refuse_infinite(a, "the first curve")
-    refuse_infinite(b, "the second curve")
-    finite = np.isfinite(a) & np.isfinite(b)
-    if np.count_nonzero(finite) < 2:
+def _pairs(measured: ArrayLike, model: ArrayLike) -> list[Floats]:
+    pairs = readings_of(**{"the first curve": measured, "the second curve": model})
+    if pairs[0].size < 2:
         raise InputError("at least two finite pairs are needed to compare two curves")
-    return a[finite], b[finite]
-
-
-def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
-    """Compare a measured curve with a model at the same times.
-
-    Parameters
-    ----------
-    measured, model : DataArray (time,)
-        Of one quantity in one unit.
-
-    Returns
-    -------
-    Dataset
-        ``residual`` (time,), measured minus model, in the unit of the measurement; scalars
-        ``nrmse`` [1] (see :func:`nrmse`), ``bias``, ``rms_error`` and ``max_error`` (the
-        difference of largest magnitude, with its sign) in that unit, ``n_compared`` [1].
-
-    Raises
-    ------
-    InputError
-        Units or times differ, or nothing can be compared.
-    """
-    units = measured.attrs.get("units", "1")
-    if model.attrs.get("units", units) != units:
-        raise InputError(f'the measurement is in "{units}", the model in "{model.attrs["units"]}"')
-    if not np.array_equal(measured["time"], model["time"]):
-        raise InputError("the two curves are given at different times; interpolate one of them first")
-    refuse_infinite(np.asarray(measured["time"], float), "time")
-    a, b = _pairs(measured.values, model.values)
-    difference = a - b
-    label = measured.attrs.get("long_name", str(measured.name))
-    residual = np.asarray(measured.values - model.values, float)
-    largest = float(difference[np.argmax(np.abs(difference))])
-    return xr.Dataset(
-        {
-            "residual": variable("time", residual, units, f"measured minus model: {label}"),
-            "nrmse": variable((), nrmse(a, b), "1", "root-mean-square error over range of model"),
-            "bias": variable((), float(difference.mean()), units, "mean of measured minus model"),
-            "rms_error": variable((), float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"),
-            "max_error": variable((), largest, units, "difference of largest magnitude"),
-            "n_compared": variable((), float(a.size), "1", "points compared"),
-        },
-        coords={"time": measured["time"]},
-    )
+    return pairs
 
 
 class Agreement(NamedTuple):

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares, minimize_scalar
+from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
+from labpipe.signals._readings import is_constant, readings_of
 from labpipe.uncertainty import propagated_u
 
 _HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is averaged
@@ -54,7 +54,7 @@ def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
 
 _OFFSETS = 64  # places of the curve between two steps over which rounding is averaged: u is good to 9 %
 _TRIAL_RATES = (0.1, 0.5, 1.5, 4.0, 10.0, 30.0)  # decay over the record, to begin the fit with
-_FEWEST_CYCLES, _FEWEST_READINGS = 1.5, 14  # of a decaying vibration
+_FEWEST_CYCLES = 1.5  # of a decaying vibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,57 +173,42 @@ def fit_sinusoid(
     >>> round(fit.frequency, 6), round(fit.amplitude, 6), round(fit.offset, 6)
     (0.4972, 2.0, 5.0)
     """
-    t, y = readings_of(time, signal)
-    if is_damped:
-        return _damped(t, y, frequency_guess, float(t[0]) if reference_time is None else float(reference_time))
-    reference = 0.5 * (t[0] + t[-1]) if reference_time is None else float(reference_time)
-    s, span = t - reference, float(t[-1] - t[0])
-    nyquist = 0.5 / float(np.median(np.diff(t)))
-    guess = strongest_line(s, y) if frequency_guess is None else float(frequency_guess)
-    if not 0.0 < guess < nyquist or guess * span < 1.0 - 1e-9:
+    t, y = varying(time, signal)
+    reference = float(0.5 * (t[0] + t[-1]) if not is_damped else t[0]) if reference_time is None else reference_time
+    s, span, nyquist = t - reference, float(t[-1] - t[0]), 0.5 / float(np.median(np.diff(t)))
+    # A vibration that dies out early is all at the beginning, where a taper would hide it.
+    guess = strongest_line(s, y, taper=not is_damped) if frequency_guess is None else float(frequency_guess)
+    least = _FEWEST_CYCLES if is_damped else 1.0
+    if not 0.0 < guess < nyquist or guess * span < least - 1e-9:
         raise InputError(
-            f"a sinusoid of {guess:.6g} Hz cannot be fitted to {span:.6g} s at "
-            f"{2 * nyquist:.6g} readings per s: at least one cycle and two readings per cycle"
+            f"a sinusoid of {guess:.6g} Hz cannot be fitted to {span:.6g} s at {2 * nyquist:.6g} readings per s: "
+            f"at least {'1.5 cycles' if is_damped else 'one cycle'} and two readings per cycle are needed"
         )
-    n_waves = max(min(harmonics, int(0.98 * nyquist / guess)), 1)
-    n_parameters = trend_order + 2 + 2 * n_waves
+    n_waves = 1 if is_damped else max(min(harmonics, int(0.98 * nyquist / guess)), 1)
+    degree = 1 if is_damped else trend_order
+    n_parameters = degree + 2 + is_damped + 2 * n_waves
     if len(t) < 2 * n_parameters:
         raise InputError(f"{len(t)} readings cannot determine {n_parameters} parameters of a sinusoid")
-    model = _Model(s, y, n_waves, trend_order)
-
-    def misfit(frequency: float) -> float:
-        return float(np.sum(model.linear(frequency)[1] ** 2))
-
-    # The misfit has one minimum within 1.2 / T. A guess may be as far off, the strongest line half as far.
-    reach = (1.2 if frequency_guess is not None else 0.6) / span
-    bounds = max(guess - reach, 0.2 * guess), min(guess + reach, nyquist)
-    if frequency_guess is not None:
-        trials = np.linspace(*bounds, 17)
-        best = int(np.argmin([misfit(frequency) for frequency in trials]))
-        bounds = trials[max(best - 1, 0)], trials[min(best + 1, 16)]
-    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9 * guess})
-    return model.described(float(found.x), 0.0, reference, 1, resolution)
-
-
-def _damped(t: Floats, y: Floats, frequency_guess: float | None, start: float) -> Oscillation:
-    """Fit one decaying vibration about a slowly drifting rest position."""
-    s, span = t - start, float(t[-1] - t[0])
-    # A vibration that dies out early is all at the beginning, where a taper would hide it.
-    guess = strongest_line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
-    if guess * span < _FEWEST_CYCLES or len(t) < _FEWEST_READINGS:
-        raise InputError(
-            f"a vibration of {guess:.6g} Hz needs {_FEWEST_CYCLES} cycles and {_FEWEST_READINGS} "
-            f"readings; found {guess * span:.3g} cycles in {len(t)} readings"
-        )
     # In units of the signal, or the optimiser's absolute tolerances would end it at once.
-    model, scatter = _Model(s, y), float(np.std(y))
+    model, scatter = _Model(s, y, n_waves, degree), float(np.std(y))
 
     def residual(p: Floats) -> Floats:
-        return model.linear(guess * p[0], p[1] / span)[1] / scatter
+        return model.linear(guess * p[0], p[1] / span if is_damped else 0.0)[1] / scatter
 
-    begin = min(_TRIAL_RATES, key=lambda rate: float(np.sum(residual(np.array([1.0, rate])) ** 2)))
-    best = least_squares(residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0])
-    return model.described(guess * float(best.x[0]), float(best.x[1]) / span, start, 2)
+    if is_damped:
+        trials, low, high = np.array([[1.0, rate] for rate in _TRIAL_RATES]), [0.3, -1.0], [3.0, 200.0]
+    else:
+        # The misfit has one minimum within 1.2 / T. A guess may be as far off, the strongest line half as far.
+        reach = (1.2 if frequency_guess is not None else 0.6) / (span * guess)
+        low, high = [max(1.0 - reach, 0.2)], [min(1.0 + reach, nyquist / guess)]
+        trials = np.linspace(low, high, 19)[1:-1]
+    begin = min(trials, key=lambda p: float(np.sum(residual(p) ** 2)))
+    accuracy = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12}
+    found = least_squares(
+        residual, begin, bounds=(low, high), x_scale=[0.1 / (guess * span), 1.0][: begin.size], **accuracy
+    )
+    rate = float(found.x[1]) / span if is_damped else 0.0
+    return model.described(guess * float(found.x[0]), rate, reference, begin.size, resolution)
 
 
 def common_fit(
@@ -266,14 +251,8 @@ def common_fit(
     >>> round(fit.phase_lag, 6), round(fit.storage_stiffness, 3)
     (0.1, 19900.083)
     """
-    t, x, load = (np.asarray(a, float) for a in (time, position, force))
-    if not t.shape == x.shape == load.shape:
-        raise InputError(f"time, position and force differ in shape: {t.shape}, {x.shape}, {load.shape}")
-    refuse_infinite(x, "position")
-    refuse_infinite(load, "force")
-    both = np.isfinite(x) & np.isfinite(load)
-    t, x, load = t[both], x[both], load[both]
-    readings_of(t, load)  # a constant force has no phase
+    t, x, load = readings_of(time=time, position=position, force=force)
+    varying(t, load)  # a constant force has no phase
     moved = fit_sinusoid(t, x, frequency_guess, trend_order=2, resolution=resolutions[0])
     s, omega = t - moved.reference_time, 2 * np.pi * moved.frequency
     recorded = _Model(s, load, len(moved.waves), 2).described(
@@ -300,24 +279,14 @@ def common_fit(
     return CommonFit(moved, pushed, float(np.angle(ratio)), u_lag, ratio.real, u_storage, ratio.imag, u_loss)
 
 
-def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the finite readings of an oscillation, or say why there are none.
-
-    ``time``, ``signal`` (n,): NaN in the signal is left out. Raises InputError: fewer than six readings, times that do
-    not increase, infinite values, or a signal that does not vary.
-    """
-    t, y = np.array(time, float), np.array(signal, float)
-    if t.ndim != 1 or t.shape != y.shape:
-        raise InputError(f"time and signal must be one-dimensional, of one shape: {t.shape} and {y.shape}")
-    checked_times(t)
-    refuse_infinite(y, "the signal")
-    finite = np.isfinite(y)
-    t, y = t[finite], y[finite]
+def varying(time: ArrayLike, signal: ArrayLike) -> list[Floats]:
+    """Return the finite readings of an oscillation (n,); InputError: fewer than six, or a signal that does not vary."""
+    t, y = readings_of(time=time, signal=signal)
     if len(t) < 6:
         raise InputError(f"an oscillation needs 6 readings; found {len(t)}")
     if is_constant(y):
         raise InputError("the signal does not vary: no oscillation in it")
-    return t, y
+    return [t, y]
 
 
 def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:

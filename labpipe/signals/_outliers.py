@@ -6,7 +6,6 @@ scatter about the cubic grows with the kink, and the first and the last reading 
 outside. Both must deviate before a run counts as outliers.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.signals._noise import estimate_noise
 
 LONGEST_RUN = 10
-"""Readings of one run that are left out; a longer interruption hides motion and is reported instead."""
+"""Readings of one run that are left out; a longer interruption hides motion."""
 _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
 Indices = NDArray[np.int64]
 
@@ -24,42 +23,19 @@ Indices = NDArray[np.int64]
 class Outliers(NamedTuple):
     """Readings that leave a record and return to it.
 
-    ``flags`` (n,) marks the readings to leave out. ``runs`` holds the first and the last index of each run of them,
-    ``jumps`` the indices at which the remaining readings leave the level of those before them: the begin or the end
-    of a longer run, or a record that continues at another level.
+    ``flags`` (n,) marks the readings to leave out, ``runs`` holds the first and the last index of each run of them.
     """
 
     flags: Flags
     runs: list[tuple[int, int]]
-    jumps: list[int]
 
     def message(self, time: Floats) -> str:
         """Return the runs as a sentence: their readings, counted from 1, and their times [s]."""
-        named = [f"{_numbered(first, last)} (at {time[first]:.6g} s)" for first, last in self.runs[:5]]
+        numbers = [str(a + 1) if a == b else f"{a + 1}-{b + 1}" for a, b in self.runs[:5]]
+        named = [f"{number} (at {time[run[0]]:.6g} s)" for number, run in zip(numbers, self.runs, strict=False)]
         more = f" and {len(self.runs) - 5} runs more" if len(self.runs) > 5 else ""
         noun, verb = ("reading", "deviates") if self.flags.sum() == 1 else ("readings", "deviate")
         return f"{noun} {', '.join(named)}{more} {verb} from the readings around, left out"
-
-    def interruption(self, time: Floats, values: Floats) -> str:
-        """Return the longest run that is too long to be left out as a sentence; empty without one."""
-        read = np.flatnonzero(np.isfinite(values) & ~self.flags)
-        found: list[tuple[int, int]] = []
-        for first, after in pairwise(self.jumps):
-            place = int(np.searchsorted(read, first))
-            before = float(values[read[place - 1]])
-            if place and abs(float(values[after]) - before) < 0.5 * abs(float(values[first]) - before):
-                found.append((first, after - 1))
-        if not found:
-            return ""
-        first, last = max(found, key=lambda run: run[1] - run[0])
-        return (
-            f"readings {_numbered(first, last)} (from {time[first]:.6g} to {time[last]:.6g} s) leave the record and "
-            "return to it: a disturbance of the sensor, too long to be left out"
-        )
-
-
-def _numbered(first: int, last: int) -> str:
-    return str(first + 1) if first == last else f"{first + 1}-{last + 1}"
 
 
 def outliers(values: Floats, time: Floats | None = None, *, noise: float | None = None, ends: bool = True) -> Outliers:
@@ -79,7 +55,7 @@ def outliers(values: Floats, time: Floats | None = None, *, noise: float | None 
     Returns
     -------
     Outliers
-        Flags, runs, and jumps that are too long for a run.
+        Flags and runs.
 
     Notes
     -----
@@ -103,26 +79,25 @@ def outliers(values: Floats, time: Floats | None = None, *, noise: float | None 
     [(100, 101)]
     """
     values = np.asarray(values, float)
-    flags, jumps = np.zeros(values.size, bool), list[int]()
+    flags = np.zeros(values.size, bool)
     read = np.flatnonzero(np.isfinite(values))
     times = np.arange(values.size, dtype=float) if time is None else np.asarray(time, float)
     if noise is None and read.size >= 2 * _NEIGHBOURS:
         noise = estimate_noise(values[read] - values[read[0]], times[read]).sigma
     while noise and read.size >= 2 * _NEIGHBOURS:  # every round flags a reading or is the last
         is_whole = read.size == values.size
-        wild, found = _round(*((times, values) if is_whole else (times[read], values[read])), noise, ends)
-        jumps = read[found].tolist()
+        wild = _round(*((times, values) if is_whole else (times[read], values[read])), noise, ends)
         if not wild:
             break
         flags[read[wild]] = True
         read = np.delete(read, wild)
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)) if flags.any() else np.zeros(0, int)
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return Outliers(flags, runs, jumps)
+    return Outliers(flags, runs)
 
 
-def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> tuple[list[int], list[int]]:
-    """Return the readings of all runs that do not overlap, and the jumps that no run explains."""
+def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> list[int]:
+    """Return the readings of all runs that do not overlap."""
     n, interval = y.size, np.diff(t)
     bend = np.abs(np.diff(np.diff(y) / interval))
     # Readings far from the line through the two readings before, and through the two behind.
@@ -143,15 +118,7 @@ def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> tuple[list[int], l
                 wild = _deviating(t[around], y[around], first - around.start, length, sigma)
                 taken += (first + np.flatnonzero(wild)).tolist()
                 used[first : first + length] = wild.any()
-    if taken:
-        return taken, []
-    jumps = []
-    for i in enters.tolist():
-        begin = max(i - 1 - _NEIGHBOURS, 0)
-        nearby = np.delete(np.abs(np.diff(y[begin : i + _NEIGHBOURS + 1])), i - 1 - begin)
-        if abs(y[i] - y[i - 1]) > _THRESHOLD * max(sigma, float(nearby.max(initial=0.0))):
-            jumps.append(i)
-    return [], jumps
+    return taken
 
 
 def _above(away: Floats, sigma: float) -> Indices:

@@ -29,10 +29,9 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     if wrong.size:
         i = int(wrong[0])
         raise InputError(f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s")
-    if t.size and not (t[0] > -LARGEST and t[-1] < LARGEST):
-        raise InputError(f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s")
-    if t.size > 1:
-        raise InputError(f"{what} must be in s; found readings {np.min(np.diff(t)):.3g} s apart")
+    if t.size > 1 or (t.size and abs(t[0]) >= LARGEST):
+        steps = f" in steps of {np.min(np.diff(t)):.3g} s" if t.size > 1 else ""
+        raise InputError(f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s{steps}")
     return t
 
 
@@ -45,6 +44,26 @@ def refuse_infinite(values: Floats, what: str) -> None:
     if wrong.size:
         i = int(wrong[0])
         raise InputError(f"{what} must be finite or NaN; sample {i} is {values.ravel()[i]}")
+
+
+def readings_of(**records: ArrayLike) -> list[Floats]:
+    """Return records of one length (n,) as float64, without the readings at which one of them is NaN.
+
+    The keywords name them in the message of the InputError: not one-dimensional, of different lengths, infinite, or a
+    ``time`` that does not increase.
+    """
+    found = {name: np.array(each, float) for name, each in records.items()}
+    shapes = [each.shape for each in found.values()]
+    if len(shapes[0]) != 1 or len(set(shapes)) > 1:
+        names, sizes = (", ".join(map(str, of)) for of in (found, shapes))
+        raise InputError(f"{names} must be one-dimensional, of one shape; found the shapes {sizes}")
+    for name, each in found.items():
+        if name == "time":
+            checked_times(each)
+        else:
+            refuse_infinite(each, name)
+    finite = np.all(np.isfinite(list(found.values())), axis=0)
+    return [each[finite] for each in found.values()]
 
 
 def is_constant(values: Floats) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, InputError
 from labpipe.signals._noise import difference_sigma
-from labpipe.signals._oscillation import Oscillation, fit_sinusoid, readings_of, strongest_line
+from labpipe.signals._oscillation import Oscillation, fit_sinusoid, strongest_line, varying
 from labpipe.signals._readings import LEAST
 
 _ONSET_READINGS, _BLOCK_READINGS = 8, 16  # in the blocks by which an onset is found, and a stretch grows
@@ -83,7 +83,7 @@ def ringing(
             f"the longest impact ({longest_impact:g} s) must be positive and end before the shortest pause "
             f"({shortest_pause:g} s)"
         )
-    t, y = readings_of(time, signal)
+    t, y = varying(time, signal)
     if len(t) < 8 * _ONSET_READINGS:
         raise InputError(f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}")
     quiet = y[: max(int(0.05 * len(y)), 4 * _ONSET_READINGS)]
@@ -173,14 +173,10 @@ def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[i
         left = y[block] - fit.at(t[block])
         return float(np.mean(left**2)) < (1.0 + 4.0 * np.sqrt(2.0 / left.size)) * max(sigma, fit.residual_rms) ** 2
 
-    while high + _BLOCK_READINGS <= len(t):
-        if not is_predicted(slice(high, high + _BLOCK_READINGS)):
-            high = max(seed[1], high - _BLOCK_READINGS)
-            break
+    while high + _BLOCK_READINGS <= len(t) and is_predicted(slice(high, high + _BLOCK_READINGS)):
         high += _BLOCK_READINGS
-    while low - half >= 0:
-        if not is_predicted(slice(low - half, low)):
-            low = min(seed[0], low + _BLOCK_READINGS)
-            break
+    if high + _BLOCK_READINGS <= len(t):
+        high = max(seed[1], high - _BLOCK_READINGS)
+    while low >= half and is_predicted(slice(low - half, low)):
         low -= half
-    return low, high
+    return (min(seed[0], low + _BLOCK_READINGS) if low >= half else low), high

@@ -59,28 +59,31 @@ one or two Cole–Cole relaxations (e = 0.2 to 0.995) on floors from rigid to 20
 SHAPE = ("lean", "flatness", "skewness", "crest", "onset")
 """Unknowns of the pulse's shape."""
 
-# Of an elastic contact (Hertz's law, integrated) per speed that a force which grows evenly takes, of the incoming.
-_BY_TILT, _LOSS_BY_TILT = np.array([-0.265, 0.0, 0.034, 0.0, 0.017]), 0.425
+
+class Floor(NamedTuple):
+    """A plate under the contact that moves as one oscillator.
+
+    ``share`` [1] is the mass that falls over the plate's modal mass, ``frequency`` [Hz] its natural frequency.
+    """
+
+    share: float
+    frequency: float
+
+    def speed(self, change: float, length: float) -> float:
+        """Return its speed downwards [m/s] at lift-off, by an impulse in the middle of a contact of a length [s]."""
+        return self.share * change * float(np.cos(np.pi * self.frequency * length))
 
 
 class Character(NamedTuple):
     """Quantities on which the shape of a pulse depends.
 
-    ``loss``: part of the speed that the solid does not return; ``weight``: speed that gravity, and a plate that springs
-    back, take during contact, of the incoming; ``tilt``: the same of the part that the plate takes more at
-    lift-off, and less at touch, than on average; ``u_loss``: standard uncertainty of the loss, by that of the plate.
+    ``loss``: part of the speed that the solid does not return; ``weight``: speed that gravity takes during contact, of
+    the incoming; ``u_loss``: standard uncertainty of the loss, by that of the plate.
     """
 
     loss: float
     weight: float
-    tilt: float = 0.0
     u_loss: float = 0.0
-
-    @classmethod
-    def of(cls, returned: float, weight: float, tilt: float = 0.0) -> "Character":
-        """Return it for a part of the speed that returns, of body and plate to each other."""
-        solid = returned + _LOSS_BY_TILT * tilt * 0.5 * (1.0 + returned)
-        return cls(float(np.clip(1.0 - solid, 0.0, 1.0)), weight, tilt)
 
 
 def expected_shape(prior: ShapePrior, known: Character) -> tuple[Floats, Floats]:
@@ -88,6 +91,6 @@ def expected_shape(prior: ShapePrior, known: Character) -> tuple[Floats, Floats]
     felt, loss = min(known.weight, _HEAVIEST), known.loss
     elastic = np.array([0.0, _FLATNESS + _FLATNESS_BY_GRAVITY * felt, 0.0, _CREST + _CREST_BY_GRAVITY * felt, 0.0])
     slope, bend = np.array(prior.per_loss), np.array(prior.per_loss_squared)
-    mean = elastic + np.array(prior.at_no_loss) + loss * slope + loss**2 * bend + known.tilt * _BY_TILT
+    mean = elastic + np.array(prior.at_no_loss) + loss * slope + loss**2 * bend
     spread = np.array(prior.spread) + np.array(prior.spread_per_loss) * loss ** np.array(prior.power)
     return mean, np.hypot(spread, (slope + 2.0 * loss * bend) * known.u_loss)

@@ -19,11 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.signals._spline_kernel import DEGREE, LEAF, Indices, curved, expand, followed, moments, penalised
+from labpipe.signals._spline_kernel import DEGREE, Indices, expanded, followed, moments, penalised
 
+_LEAF = 4  # samples over which the distance of knots is the same
 _CLOSEST = 2.0  # samples between knots
 _SLOPE = 0.1  # by which the distance of knots may grow with that from closer ones
 _MULTIPLICITY = DEGREE - 2, DEGREE - 1  # of knots at a contact, a release: derivative 3, 2 jumps
+_ONE = np.arange(DEGREE + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,24 +66,21 @@ def smooth(
     count = len(knots) - DEGREE - 1
     start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)
     breaks, first = np.append(knots[start], knots[-1]), start - DEGREE
-    length, basis = np.diff(breaks), np.zeros((len(start), DEGREE + 1, DEGREE + 1))
-    expand(knots, first, length, basis)
+    length = np.diff(breaks)
+    basis = expanded(knots, first, length)
     ends, place = _places(breaks, x)
-    powers, products = np.zeros((len(start), 2 * DEGREE + 1)), np.zeros((len(start), DEGREE + 1))
-    moments(place, z, ends, powers, products)
-    transposed, one = basis.transpose(0, 2, 1), np.arange(DEGREE + 1)
-    normal = transposed @ powers[:, one[:, None] + one] @ basis
-    right = np.bincount((first[:, None] + one).ravel(), (transposed @ products[:, :, None]).ravel(), count + DEGREE)
+    powers, products = moments(place, z, ends)
+    transposed = basis.transpose(0, 2, 1)
+    normal = transposed @ powers[:, _ONE[:, None] + _ONE] @ basis
+    right = np.bincount((first[:, None] + _ONE).ravel(), (transposed @ products[:, :, None]).ravel(), count + DEGREE)
     # the fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean
     power, highest = length**7, basis[:, 4:] * np.array([[24.0], [120.0 / np.sqrt(12.0)]])
     rough = highest.transpose(0, 2, 1) @ highest / power[:, None, None]
     octave = np.unique(np.round(np.log2(length)), return_inverse=True)[1]
-    coefficients, work = np.empty(count + DEGREE), np.empty((5, len(start)))
-    band, inverse = np.empty((2, count + DEGREE, DEGREE + 1))
-    n_solves = penalised(normal, right, rough, power, octave, first, work, band, coefficients, inverse)
-    if not n_solves:
+    coefficients, covariance, n_solves = penalised(normal, right, rough, power, octave, first)
+    if not np.isfinite(coefficients).all():
         raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
-    return Smooth(breaks, first, basis, coefficients, inverse, float(time[0]), scale, sigma, offset, n_solves)
+    return Smooth(breaks, first, basis, coefficients, covariance, float(time[0]), scale, sigma, offset, n_solves)
 
 
 def evaluate(fit: Smooth, time: Floats, *derivatives: int) -> list[tuple[Floats, Floats]]:
@@ -92,9 +91,8 @@ def evaluate(fit: Smooth, time: Floats, *derivatives: int) -> list[tuple[Floats,
     """
     x = np.clip((time - fit.time_origin) / fit.time_scale, fit.breaks[0], fit.breaks[-1])
     ends, place = _places(fit.breaks, x)
-    one = np.arange(DEGREE + 1)
-    active = fit.coefficients[fit.first[:, None] + one][:, :, None]
-    low, apart = np.minimum(one[:, None], one), np.abs(one[:, None] - one)
+    active = fit.coefficients[fit.first[:, None] + _ONE][:, :, None]
+    low, apart = np.minimum(_ONE[:, None], _ONE), np.abs(_ONE[:, None] - _ONE)
     covariance = fit.covariance[fit.first[:, None, None] + low, apart]
     found = []
     for derivative in derivatives:
@@ -105,14 +103,11 @@ def evaluate(fit: Smooth, time: Floats, *derivatives: int) -> list[tuple[Floats,
         variances = np.zeros((len(fit.first), 2 * size - 1))
         for q in range(size):
             variances[:, q : q + size] += products[:, q]
-        value, variance = np.empty((2, len(x)))
-        followed((basis @ active)[:, :, 0], place, ends, value)
-        followed(variances, place, ends, variance)
+        value, variance = followed((basis @ active)[:, :, 0], place, ends), followed(variances, place, ends)
         factor = fit.sigma / fit.time_scale**derivative
-        value *= factor
-        np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
-        variance *= factor
-        found.append((value if derivative else value + fit.offset, variance))
+        found.append(
+            (factor * value + (0.0 if derivative else fit.offset), factor * np.sqrt(np.maximum(variance, 0.0)))
+        )
     return found
 
 
@@ -125,15 +120,28 @@ def _places(breaks: Floats, x: Floats) -> tuple[Indices, Floats]:
 
 
 def _distances(z: Floats) -> Floats:
-    """Return the distance of knots, in samples, for every leaf of samples ``z`` (n,) with a noise of 1."""
+    """Return the distance of knots, in samples, for every leaf of samples ``z`` (n,) with a noise of 1.
+
+    Means over L samples have fourth differences that no white noise reaches, where L is the scale of the curve: five
+    such means then hold eight knots.
+    """
     n = len(z)
-    found = np.full(-(-n // LEAF), max(n / 10.0, _CLOSEST))
+    found = np.full(-(-n // _LEAF), max(n / 10.0, _CLOSEST))
     # White noise exceeds it in one record of a hundred: fourth differences of means have a variance of 70, and the
     # probability of t deviations is below exp(-t^2 / 2) in each of n differences.
     limit = float(np.sqrt(70.0 * 2.0 * np.log(100.0 * n)))
-    curved(np.concatenate([[0.0], np.cumsum(z)]), limit, _CLOSEST, found)
+    total, leaf = np.concatenate([[0.0], np.cumsum(z)]), np.arange(len(found))
+    for octave in range(int(np.log2(n / 5.0)), 1, -1):
+        size = 2**octave
+        t = total[:: size // 2]
+        bend = t[10:] - t[:-10] - 5.0 * (t[8:-2] - t[2:-8]) + 10.0 * (t[6:-4] - t[4:-6])
+        begin = size // 2 * np.flatnonzero(np.abs(bend) > limit * np.sqrt(size))
+        if not begin.size:
+            continue
+        changes = [np.bincount(at, minlength=len(leaf) + 1) for at in (begin // _LEAF, (begin + 5 * size + 3) // _LEAF)]
+        found[np.cumsum(changes[0] - changes[1])[:-1] > 0] = 0.625 * size
     # A long stretch that ends just inside a short one would otherwise bring its coarse knots there.
-    rise = _SLOPE * LEAF * np.arange(len(found))
+    rise = _SLOPE * _LEAF * leaf
     rising = np.minimum.accumulate(found - rise) + rise
     return np.minimum(rising, np.minimum.accumulate((found + rise)[::-1])[::-1] - rise)
 
@@ -141,8 +149,8 @@ def _distances(z: Floats) -> Floats:
 def _knots(x: Floats, z: Floats, cuts: list[Floats]) -> Floats:
     """Place knots at a density that follows the curve; manifold ones at contacts and releases."""
     n, distance = len(x), _distances(z)
-    count = np.concatenate([[0.0], np.cumsum(LEAF / distance)])
-    edge = np.minimum(np.arange(len(count)) * LEAF, n - 1)
+    count = np.concatenate([[0.0], np.cumsum(_LEAF / distance)])
+    edge = np.minimum(np.arange(len(count)) * _LEAF, n - 1)
     wanted = np.linspace(0.0, count[-1], max(int(np.ceil(count[-1])), 1) + 1)
     breaks = np.interp(np.interp(wanted, count, edge), np.arange(n), x)
     breaks = breaks[np.concatenate([[True], np.diff(breaks) > 0])]

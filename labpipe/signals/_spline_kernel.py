@@ -1,4 +1,4 @@
-"""The compiled loops of the smoothing spline: bases, moments of the samples, the penalised fit, polynomials.
+"""The compiled loops of the smoothing spline: moments of the samples, the penalised fit, polynomials.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle. Samples enter by their
 moments there, and all else works on one band of the normal matrix, in time linear in the coefficients: the variance of
@@ -16,9 +16,6 @@ from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
 
 DEGREE = 5
-LEAF = 4
-"""Samples over which the distance of knots is the same."""
-_WIDTH = DEGREE + 1
 _FAST = {"reassoc", "contract", "nsz"}
 _POOL = 6  # intervals on either side that share their estimate of the penalty
 _SHARED = 2.0  # weight, in effective parameters, of all intervals of the same length
@@ -27,215 +24,143 @@ Indices = NDArray[np.int64]
 
 
 @lean()
-def factored(band: Floats, n: int) -> bool:
-    """Replace the lower band of a matrix by its factors ``L D L'``; False if that fails.
+def solved(band: Floats, x: Floats, inverse: Floats) -> None:
+    """Factorise a matrix of n rows, solve for the right-hand side, and find the inverse inside the band.
 
-    ``band[j, d] = A[j + d, j]``, of shape (n + DEGREE, DEGREE + 1); entries beyond the end of a
-    diagonal, in its last rows too, is set to 0. ``D`` is kept as its inverse.
+    ``band[j, d] = A[j + d, j]``, of shape (n + DEGREE, DEGREE + 1) with 0 beyond the end of a diagonal, becomes the
+    factors ``L D L'``, of D the inverse; ``x`` (n + DEGREE,) becomes the solution, NaN of a matrix that is not positive
+    definite; ``inverse`` is filled like the band.
     """
-    for j in range(n + DEGREE):
-        for d in range(max(n - j, 0), DEGREE + 1):
-            if j + d >= n:
-                band[j, d] = 0.0
+    n = len(band) - DEGREE
     for j in range(n):
-        if not band[j, 0] > 0.0:
-            return False
-        inverse = 1.0 / band[j, 0]
-        band[j, 0] = inverse
+        pivot = 1.0 / band[j, 0] if band[j, 0] > 0.0 else math.nan
         for d in range(1, DEGREE + 1):
-            share = band[j, d] * inverse
             for e in range(d, DEGREE + 1):
-                band[j + d, e - d] -= share * band[j, e]
+                band[j + d, e - d] -= band[j, d] * pivot * band[j, e]
         for d in range(1, DEGREE + 1):
-            band[j, d] *= inverse
-    return True
-
-
-@lean()
-def solve(factor: Floats, x: Floats, n: int) -> None:
-    """Replace the right-hand side ``x`` (n + DEGREE,) by the solution, with :func:`factored`."""
-    for j in range(n, n + DEGREE):
-        x[j] = 0.0
-    for j in range(n):
-        for d in range(1, DEGREE + 1):
-            x[j + d] -= factor[j, d] * x[j]
+            band[j, d] *= pivot
+            x[j + d] -= band[j, d] * x[j]
+        band[j, 0] = pivot
+    x[n:], inverse[n:] = 0.0, 0.0
     for j in range(n - 1, -1, -1):
-        total = x[j] * factor[j, 0]
-        for d in range(1, DEGREE + 1):
-            total -= factor[j, d] * x[j + d]
-        x[j] = total
-
-
-@lean()
-def inverse_of_factor(factor: Floats, inverse: Floats, n: int) -> None:
-    """Fill in the entries (n + DEGREE, DEGREE + 1) of ``A^-1`` inside the band; the others 0."""
-    for j in range(n, n + DEGREE):
-        for d in range(DEGREE + 1):
-            inverse[j, d] = 0.0
-    for j in range(n - 1, -1, -1):
-        on = factor[j, 0]
+        x[j] *= band[j, 0]
+        inverse[j, 0] = band[j, 0]
         for i in range(1, DEGREE + 1):
-            total = 0.0
+            x[j] -= band[j, i] * x[j + i]
+            inverse[j, i] = 0.0
             for k in range(1, DEGREE + 1):
-                total -= factor[j, k] * inverse[j + min(i, k), abs(i - k)]
-            inverse[j, i] = total
-            on -= factor[j, i] * total
-        inverse[j, 0] = on
-
-
-@lean()
-def curved(total: Floats, limit: float, closest: float, distance: Floats) -> None:
-    """Lower the distances (leaf,) of knots where a record bends; ``total`` (n + 1,): sums of its samples up to each.
-
-    Means over L samples have fourth differences beyond ``limit``, over sqrt(L), which no white noise exceeds
-    (sqrt(2 log n) deviations), where L is the scale of the curve: five such means then hold eight knots.
-    """
-    n, size = total.size - 1, 4
-    while 10 * size <= n:
-        size *= 2
-    while size >= 2.0 * closest:
-        reach, end = limit * math.sqrt(size), 0
-        for i in range(0, n - 5 * size + 1, size // 2):
-            bend = total[i + 5 * size] - total[i] - 5.0 * (total[i + 4 * size] - total[i + size])
-            bend += 10.0 * (total[i + 3 * size] - total[i + 2 * size])
-            if abs(bend) > reach:
-                for leaf in range(max(end, i // LEAF), (i + 5 * size - 1) // LEAF + 1):
-                    distance[leaf] = 0.625 * size
-                end = (i + 5 * size - 1) // LEAF + 1
-        size //= 2
+                inverse[j, i] -= band[j, k] * inverse[j + min(i, k), abs(i - k)]
+            inverse[j, 0] -= band[j, i] * inverse[j, i]
 
 
 @lean(fastmath=_FAST)
-def expand(knots: Floats, first: Indices, length: Floats, basis: Floats) -> None:
-    """Fill in the B-splines of intervals between ``knots`` (m + 6,): Cox and de Boor on polynomials.
+def expanded(knots: Floats, first: Indices, length: Floats) -> Floats:
+    """Return the B-splines of intervals between ``knots`` (m + 6,): Cox and de Boor on polynomials.
 
-    ``first`` (interval,) is the first coefficient that counts in one; ``basis`` (interval, 6, 6) holds, by power of the
-    distance from its middle over its length, the factors of the six coefficients.
+    ``first`` (interval,) is the first coefficient that counts in one; the result (interval, 6, 6) holds, by power of
+    the distance from its middle over its length, the factors of the six coefficients.
     """
+    basis = np.zeros((length.size, DEGREE + 1, DEGREE + 1))
     for s in range(length.size):
         k, b = first[s] + DEGREE, basis[s]
-        middle = knots[k] + 0.5 * length[s]
-        b[0, 0] = 1.0
-        for p in range(1, _WIDTH):
+        middle, b[0, 0] = knots[k] + 0.5 * length[s], 1.0
+        for p in range(1, DEGREE + 1):
             for i in range(p - 1, -1, -1):
-                left = k + 1 + i - p
-                over = 1.0 / (knots[left + p] - knots[left])
-                falls, rises = (knots[left + p] - middle) * over, (middle - knots[left]) * over
-                slope = length[s] * over
+                left, right = knots[k + 1 + i - p], knots[k + 1 + i]
+                falls, rises, slope = right - middle, middle - left, length[s]
                 for q in range(p, -1, -1):
                     below = slope * b[q - 1, i] if q else 0.0
-                    b[q, i + 1] += rises * b[q, i] + below
-                    b[q, i] = falls * b[q, i] - below
+                    b[q, i + 1] += (rises * b[q, i] + below) / (right - left)
+                    b[q, i] = (falls * b[q, i] - below) / (right - left)
+    return basis
 
 
 @lean(fastmath=_FAST)
-def moments(place: Floats, z: Floats, ends: Indices, powers: Floats, products: Floats) -> None:
-    """Add up powers 0 to 10 of places (n,), and samples ``z`` times powers 0 to 5, by intervals.
+def moments(place: Floats, z: Floats, ends: Indices) -> tuple[Floats, Floats]:
+    """Return sums of the powers 0 to 10 of places (n,), and of samples ``z`` times powers 0 to 5, by intervals.
 
-    ``ends`` (interval + 1,) are the first samples of each. ``powers`` (interval, 11), ``products`` (interval, 6).
+    ``ends`` (interval + 1,) are the first samples of each.
     """
+    powers, products = np.zeros((ends.size - 1, 2 * DEGREE + 1)), np.zeros((ends.size - 1, DEGREE + 1))
     for s in range(ends.size - 1):
         u, y = place[ends[s] : ends[s + 1]], z[ends[s] : ends[s + 1]]
         for n in range(u.size):
             power = 1.0
-            for k in range(_WIDTH):
+            for k in range(2 * DEGREE + 1):
                 powers[s, k] += power
-                products[s, k] += power * y[n]
+                if k <= DEGREE:
+                    products[s, k] += power * y[n]
                 power *= u[n]
-            for k in range(_WIDTH, 2 * DEGREE + 1):
-                powers[s, k] += power
-                power *= u[n]
+    return powers, products
 
 
 @lean(fastmath=_FAST)
-def followed(coefficients: Floats, place: Floats, ends: Indices, value: Floats) -> None:
-    """Fill in the values (n,) of polynomials (interval, power) at places (n,)."""
-    last = coefficients.shape[1] - 1
+def followed(coefficients: Floats, place: Floats, ends: Indices) -> Floats:
+    """Return the values (n,) of polynomials (interval, power) at places (n,)."""
+    value, last = np.empty(place.size), coefficients.shape[1] - 1
     for s in range(ends.size - 1):
         u, found = place[ends[s] : ends[s + 1]], value[ends[s] : ends[s + 1]]
-        for n in range(found.size):
-            found[n] = coefficients[s, last]
+        found[:] = coefficients[s, last]
         for q in range(last - 1, -1, -1):
-            factor = coefficients[s, q]
             for n in range(found.size):
-                found[n] = found[n] * u[n] + factor
+                found[n] = found[n] * u[n] + coefficients[s, q]
+    return value
 
 
 @lean(fastmath=_FAST)
 def penalised(
-    normal: Floats,
-    right: Floats,
-    rough: Floats,
-    power: Floats,
-    octave: Indices,
-    first: Indices,
-    work: Floats,
-    band: Floats,
-    coefficients: Floats,
-    inverse: Floats,
-) -> int:
+    normal: Floats, right: Floats, rough: Floats, power: Floats, octave: Indices, first: Indices
+) -> tuple[Floats, Floats, int]:
     """Fit a spline whose roughness costs as much as the samples say (Fellner and Schall's update).
 
     ``normal``, ``rough`` (interval, 6, 6): parts of samples and of a unit penalty in the normal matrix; ``right``
     (m + 5,); ``power`` (interval,): lengths to the power in which a penalty grows; ``octave``: rounded logarithm of the
-    lengths. ``work`` (5, interval) and ``band`` (m + 5, 6) are work space; ``coefficients`` (m + 5,) and ``inverse``
-    (m + 5, 6), the band of their covariance, are filled. Returns the solves of the band system, 0 when a matrix was
-    not positive definite.
+    lengths. Returned are the coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves.
     """
-    m, count, n_solves, has_settled = right.size - DEGREE, power.size, 0, False
-    penalty, used, energy = work[0], work[1], work[2]
-    for s in range(count):
-        penalty[s] = 10.0 * power[s]
+    penalty, used, energy = 10.0 * power, np.empty(power.size), np.empty(power.size)
+    band, inverse, n_solves, has_settled = (
+        np.empty((right.size, DEGREE + 1)),
+        np.empty((right.size, DEGREE + 1)),
+        0,
+        False,
+    )
     while True:
         n_solves += 1
-        for j in range(right.size):
-            coefficients[j] = right[j]
-            for d in range(_WIDTH):
-                band[j, d] = 0.0
-        for s in range(count):
-            for i in range(_WIDTH):
-                for j in range(_WIDTH - i):
+        coefficients = right.copy()
+        band[:] = 0.0
+        for s in range(power.size):
+            for i in range(DEGREE + 1):
+                for j in range(DEGREE + 1 - i):
                     band[first[s] + i, j] += normal[s, i, i + j] + penalty[s] * rough[s, i, i + j]
-        if not factored(band, m):
-            return 0
-        solve(band, coefficients, m)
-        inverse_of_factor(band, inverse, m)
+        solved(band, coefficients, inverse)
         if has_settled or n_solves > _UPDATES:
-            return n_solves
-        for s in range(count):
+            return coefficients, inverse, n_solves
+        for s in range(power.size):
             spread = size = 0.0
-            for i in range(_WIDTH):
+            for i in range(DEGREE + 1):
                 at = first[s] + i
-                spread += rough[s, i, i] * inverse[at, 0]
-                size += rough[s, i, i] * coefficients[at] ** 2
-                for j in range(1, _WIDTH - i):
-                    spread += 2.0 * rough[s, i, i + j] * inverse[at, j]
-                    size += 2.0 * rough[s, i, i + j] * coefficients[at] * coefficients[at + j]
+                for j in range(DEGREE + 1 - i):
+                    twice = rough[s, i, i + j] * (2.0 if j else 1.0)
+                    spread += twice * inverse[at, j]
+                    size += twice * coefficients[at] * coefficients[at + j]
             used[s], energy[s] = max(1.0 - penalty[s] * spread, 1e-4), max(size, 0.0)
-        has_settled = _updated(work, power, octave)
+        has_settled = _updated(penalty, used, energy, power, octave)
 
 
 @inner(fastmath=_FAST)
-def _updated(work: Floats, power: Floats, octave: Indices) -> bool:
+def _updated(penalty: Floats, used: Floats, energy: Floats, power: Floats, octave: Indices) -> bool:
     """Set penalties to parameters used per roughness; return True where they hardly changed.
 
     Both are pooled over neighbours (a triangular window) and over all intervals of equal length.
     """
-    penalty, used, energy, sum_used, sum_energy = work[0], work[1], work[2], work[3], work[4]
-    count, has_settled = penalty.size, True
-    for s in range(count):
-        sum_used[s] = sum_energy[s] = 0.0
-    for s in range(count):
-        sum_used[octave[s]] += used[s]
-        sum_energy[octave[s]] += energy[s]
-    for s in range(count):
-        local_used = local_energy = 0.0
-        for o in range(max(s - _POOL, 0), min(s + _POOL + 1, count)):
+    alike, has_settled = np.bincount(octave, energy) / np.bincount(octave, used), True
+    for s in range(penalty.size):
+        local_used, local_energy = _SHARED, _SHARED * alike[octave[s]]
+        for o in range(max(s - _POOL, 0), min(s + _POOL + 1, penalty.size)):
             weight = 1.0 - abs(o - s) / (_POOL + 1.0)
             local_used += weight * used[o]
             local_energy += weight * energy[o]
-        local_energy += _SHARED * sum_energy[octave[s]] / sum_used[octave[s]]
-        wanted = (local_used + _SHARED) / max(local_energy, 1e-250)
+        wanted = local_used / max(local_energy, 1e-250)
         wanted = min(max(wanted, penalty[s] / 100.0), penalty[s] * 100.0)
         # beyond, the penalty is off, or the spline rigid
         wanted = min(max(wanted, 1e-8 * power[s]), 1e8 * power[s])

@@ -79,7 +79,6 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "velocity": (fall, lambda t, y: signals.velocity(record(t, y))),
     "bounces": (drop, lambda t, y: signals.bounces(record(t, y))),
     "repeats": (fall, lambda t, y: signals.combine_repeats([record(t, y)] * 2, [0.0, 0.01])),
-    "compare": (fall, lambda t, y: signals.compare(record(t, y), record(t, y[::-1]))),
     "agreement": (wave, signals.agreement),
     "nrmse": (wave, signals.nrmse),
     "sinusoid": (wave, signals.fit_sinusoid),

@@ -16,6 +16,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import (
     IMPACTS,
     Row,
+    apart,
     curve_table,
     flights,
     moved_by_scatter,
@@ -48,9 +49,8 @@ def comparison(
     time = window.dropna("time").values
     measured = repeats["displacement_mean"].sel(time=time)
     simulated = np.interp(time, since, model["displacement"].values)
-    curves = signals.compare(measured, measured.copy(data=simulated))
-    found = _along(repeats.sel(time=time), model, since, curves["residual"].values)
-    made = curves.assign(curve_table((), [found]))
+    made = apart(measured, simulated)
+    made = made.assign(curve_table((), [_along(repeats.sel(time=time), model, since, made["residual"].values)]))
 
     count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
     shown = min(IMPACTS, count)

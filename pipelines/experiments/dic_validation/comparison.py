@@ -13,6 +13,7 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import (
     IMPACTS,
     Row,
+    apart,
     curve_table,
     flights,
     moved_by_scatter,
@@ -44,7 +45,7 @@ def comparison(
     expected = float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0)))
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
     level = "over the height of first contact"
-    made = signals.compare(film, seen).assign(
+    made = apart(film, seen.values).assign(
         {
             "concordance": variable((), agreed.concordance, "1", "Lin's concordance coefficient"),
             "scale_uncertainty": variable((), expected, "1", text),
@@ -110,7 +111,7 @@ def rows(comparison: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where no laser saw the motion."""
     if "bias" not in comparison:
         return
-    n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]
+    n, nrmse = int(comparison.sizes["time"]), comparison["nrmse"]
     bias, u, told = comparison["bias"], comparison["u_bias"], of_curve(comparison)
     yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u, **told)
     seen, own, scales = (float(comparison[of]) for of in (RATIO, f"u_{RATIO}", "scale_uncertainty"))

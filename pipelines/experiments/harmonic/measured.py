@@ -128,7 +128,7 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     noise = float(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude))
     u_storage, u_loss = _u_of_stiffness(complex(storage, loss), float(np.hypot(noise, u_gain)), u_phase)
 
-    areas = signals.hysteresis_loops(time, position, force, x.frequency, start=begin, end=end)["work"].values
+    areas = signals.hysteresis_loops(time, position, force, x.frequency, start=begin, end=end)
     spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
     cycles = begin + np.arange(areas.size)[:, None] / x.frequency
     (moved, u_moved), (pushed, u_pushed) = (_fourier(time, y, cycles, x.frequency) for y in (position, force))

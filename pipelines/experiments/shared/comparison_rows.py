@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
+from labpipe.signals import nrmse
 from labpipe.variables import variable
 
 IMPACTS = 3
@@ -137,6 +138,20 @@ def curve_table(dim: str | tuple[()], found: Sequence[Agreement | None], name: s
         f"{name}_{key}": variable(dim, values if dim else values[0], "1", text)
         for (key, text), values in zip(_OF_CURVE, columns, strict=True)
     }
+
+
+def apart(measured: xr.DataArray, model: Floats) -> xr.Dataset:
+    """Return the residual (time,), measured minus model, with ``nrmse`` and ``bias``."""
+    left, units = measured.values - model, str(measured.attrs["units"])
+    text = f"measured minus model: {measured.attrs['long_name']}"
+    return xr.Dataset(
+        {
+            "residual": variable("time", left, units, text),
+            "nrmse": variable((), nrmse(measured, model), "1", "root-mean-square error over range of model"),
+            "bias": variable((), float(np.nanmean(left)), units, "mean of measured minus model"),
+        },
+        coords={"time": measured["time"]},
+    )
 
 
 def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:

@@ -94,12 +94,7 @@ def floor_under(given: Plate | None, found: xr.Dataset | None, mass: Quantity) -
     if found is not None and not np.isfinite(float(found["mass"])):
         return None
     inputs = plate_inputs(given, found)
-    if not inputs:
-        return None
-    plate, frequency = inputs["mass"], inputs["frequency"]
-    share = mass.value / plate.value
-    u_share = share * float(np.hypot(plate.u / plate.value, mass.u / mass.value))
-    return signals.Floor(share, frequency.value, inputs["damping_ratio"].value, u_share, frequency.u)
+    return signals.Floor(mass.value / inputs["mass"].value, inputs["frequency"].value) if inputs else None
 
 
 def modal_mass(found: xr.Dataset) -> Quantity:

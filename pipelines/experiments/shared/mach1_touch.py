@@ -47,7 +47,7 @@ def touched(part: xr.Dataset, delay: float, filters: list[Floats]) -> Quantity:
     gone = farthest + int(back[0]) if back.size else position.size  # until the stage goes back
     time, position, force = time[:gone], position[:gone], force[:gone]
     # the force comes late by the filter's delay, so it belongs to an earlier position
-    rough = first_touch(np.interp(time - delay, time, position), force).position
+    rough = first_touch(np.interp(time - delay, time, position), force)
     # readings depend on the touch until the stage has rested for a while
     farthest = _farthest(position)
     touch = int(np.argmax(position > min(rough, position[farthest] - _STEP)))

@@ -349,10 +349,9 @@ def _steady_noise(trace: Trace) -> Check:
 
 def _hum(trace: Trace, line: Hum) -> Check:
     """Report the hum of the mains that was subtracted from a record, and its remainder."""
-    left = float(np.sqrt(np.mean(line.remaining(trace.time) ** 2)))
-    multiples = ", ".join(f"{order * line.frequency:.4g} Hz" for order in line.orders)
-    text = f"hum of {quantity(line.amplitude, 'm')} at {multiples}, subtracted to ± {quantity(left, 'm')}, which is in "
-    text += "the uncertainties"
+    left = float(np.sqrt(np.mean(np.sum(line.modes(trace.time) ** 2, axis=1))))
+    text = f"hum of {quantity(line.amplitude, 'm')} at {line.frequency:.4g} Hz, subtracted to "
+    text += f"± {quantity(left, 'm')}, which is in the uncertainties"
     level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
     return trace.seen("mains hum", text, level, "mains hum: ground the sensor, or average over one period")
 

@@ -95,13 +95,11 @@ def test_constant_gives_zero(displacement_of, values):
     assert np.array_equal(velocity(displacement_of(np.arange(len(values)), values)), 0 * values)
 
 
-def test_three_readings_use_differences_and_say_so(displacement_of):
+def test_three_readings_are_too_few_for_a_spline_but_have_differences(displacement_of):
     record = displacement_of([0.0, 1.0, 2.0], [0.0, 1.0, 4.0])
-    with pytest.warns(UserWarning, match="3 readings are too few"):
-        result = velocity(record)
-    assert result.attrs["method"] == "difference"
-    np.testing.assert_allclose(result, [1.0, 2.0, 3.0])
-    assert np.isnan(result["u_velocity"]).all()
+    with pytest.raises(InputError, match="needs 12 readings, found 3"):
+        velocity(record)
+    np.testing.assert_allclose(velocity(record, "difference"), [1.0, 2.0, 3.0])
 
 
 def test_runs_of_outliers_are_left_out_and_named(displacement_of):
@@ -115,14 +113,6 @@ def test_runs_of_outliers_are_left_out_and_named(displacement_of):
     error = result.values - 20 * np.cos(20 * time)
     assert rms(error) < 0.02
     assert (np.abs(error) < 5 * result.u_velocity.values).all()
-
-
-def test_a_disturbance_too_long_to_be_left_out_is_named(displacement_of):
-    time = np.arange(5000) / 5000
-    values = np.sin(20 * time) + 1e-3 * np.random.default_rng(0).standard_normal(5000)
-    values[2000:2040] += 0.5
-    with pytest.warns(UserWarning, match=r"readings 2001-2040 \(from 0.4 to 0.4078 s\) leave the record"):
-        velocity(displacement_of(time, values))
 
 
 def test_sensor_that_averages_is_recognised(bouncing, displacement_of):
@@ -147,11 +137,12 @@ def test_coarse_quantisation_sets_the_noise(bouncing, measure):
 def test_declared_release_lets_the_acceleration_jump(displacement_of):
     time = np.arange(0.0, 0.04, 2e-5)
     fall = np.maximum(time - 0.02, 0.0)
-    noise = 1e-6 * np.random.default_rng(0).standard_normal(len(time))
-    record = displacement_of(time, -4.905 * fall**2 + noise)
-    near = np.abs(time - 0.02) < 2e-3
-    errors = [rms((velocity(record, releases=times).values + 9.81 * fall)[near]) for times in (None, [0.02])]
-    assert errors[1] < 0.1 * errors[0]  # measured 0.027 and 0.71 mm/s
+    near, errors = np.abs(time - 0.02) < 2e-3, []
+    for seed in range(4):
+        record = displacement_of(time, -4.905 * fall**2 + 1e-6 * np.random.default_rng(seed).standard_normal(len(time)))
+        errors.append([rms((velocity(record, releases=times).values + 9.81 * fall)[near]) for times in (None, [0.02])])
+    without, declared = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert declared < 0.1 * without  # measured 0.034 and 0.41 mm/s
 
 
 def test_work_grows_linearly(displacement_of):
@@ -166,40 +157,26 @@ def test_work_grows_linearly(displacement_of):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("changed", "options", "message"),
     [
-        ({"time": [0.0, 1.0, 1.0, 2.0]}, "sample 2 is at 1.0 s after 1.0 s"),
-        ({"time": [0.0, 1.0, np.nan, 2.0]}, "time must increase"),
-        ({"values": [0.0, 1.0, np.inf, 2.0]}, "sample 2 is inf"),
-        ({"values": [np.nan, 1.0, np.nan, np.nan]}, "needs two readings; found 1"),
-        ({"units": "mm"}, 'found "mm"'),
+        ({"time": [0.0, 1.0, 1.0, 2.0]}, {}, "sample 2 is at 1.0 s after 1.0 s"),
+        ({"time": [0.0, 1.0, np.nan, 2.0]}, {}, "time must increase"),
+        ({"values": [0.0, 1.0, np.inf, 2.0]}, {}, "sample 2 is inf"),
+        ({"values": [np.nan, 1.0, np.nan, np.nan]}, {}, "needs two readings; found 1"),
+        ({"units": "mm"}, {}, 'found "mm"'),
+        ({}, {"method": "magic"}, '"magic"'),
+        ({}, {"method": "thesis", "window": 0}, "found 0"),
+        ({}, {"method": "thesis", "window": 99}, "found 99"),
+        ({}, {"noise": -1.0}, "found -1.0"),
+        ({}, {"noise": np.nan}, "found nan"),
+        ({"time": np.arange(20.0), "values": np.arange(20.0) ** 2}, {"breaks": [0.0, np.nan]}, "breaks must be finite"),
     ],
 )
-def test_bad_records_are_refused(change, message):
-    record = xr.DataArray(
-        np.array(change.get("values", [0.0, 1.0, 2.0, 3.0])),
-        dims="time",
-        coords={"time": change.get("time", [0.0, 1.0, 2.0, 3.0])},
-        attrs={"units": change.get("units", "m")},
-    )
+def test_bad_records_and_options_are_refused(changed, options, message):
+    given = {"time": [0.0, 1.0, 2.0, 3.0], "values": [0.0, 1.0, 2.0, 3.0], "units": "m"} | changed
+    record = xr.DataArray(given["values"], {"time": given["time"]}, ["time"], attrs={"units": given["units"]})
     with pytest.raises(InputError, match=message):
-        velocity(record)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"method": "magic"}, '"magic"'),
-        ({"method": "thesis", "window": 0}, "found 0"),
-        ({"breaks": [0.0, np.nan]}, "breaks must be finite"),
-        ({"method": "thesis", "window": 99}, "found 99"),
-        ({"noise": -1.0}, "found -1.0"),
-        ({"noise": np.nan}, "found nan"),
-    ],
-)
-def test_bad_options_are_refused(displacement_of, options, message):
-    with pytest.raises(InputError, match=message):
-        velocity(displacement_of(np.arange(20.0), np.arange(20.0) ** 2), **options)
+        velocity(record, **options)
 
 
 @settings(max_examples=6, deadline=None)

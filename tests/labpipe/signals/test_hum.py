@@ -29,17 +29,13 @@ def _record(rng: np.random.Generator) -> Floats:
 def test_hum_is_found_as_well_as_it_says(line: float) -> None:
     rng = np.random.default_rng(int(line))
     errors, amplitudes = [], []
-    for number in range(30):
+    for _ in range(20):
         amplitude, frequency = rng.uniform(0.3e-6, 4e-6), line + rng.normal(0.0, 0.03)
-        third = 0.3 * amplitude * (number % 2)
-        angle = 2 * np.pi * frequency * _TIME + rng.uniform(0.0, 6.3)
-        true = amplitude * np.sin(angle) + third * np.sin(3 * angle + 1.0)
+        true = amplitude * np.sin(2 * np.pi * frequency * _TIME + rng.uniform(0.0, 6.3))
         found = hum_of(_TIME, _record(rng) + true, _NOISE, _PARTS)
         assert found is not None
-        assert 3 not in found.orders or third > 0.0
-        if (3 in found.orders) == (third > 0.0):
-            errors.append(((found.at(_TIME) - true) / found.remaining(_TIME))[::500])
-        amplitudes.append(found.amplitude / np.hypot(amplitude, third) - 1.0)
+        errors.append(((found.at(_TIME) - true) / np.linalg.norm(found.modes(_TIME), axis=1))[::500])
+        amplitudes.append(found.amplitude / amplitude - 1.0)
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.3
     assert np.median(np.abs(amplitudes)) < 0.1
 
@@ -73,10 +69,10 @@ def test_a_short_rest_tells_a_hum_and_says_whether_it_knows_the_mains() -> None:
 
 
 def test_a_hum_survives_being_written_and_another_unit() -> None:
-    hum = Hum(50.01, 0.1, (1, 3), np.array([1.0, 2.0, 0.1, 0.2]), np.diag([1e-2, 2e-2, 1e-3, 1e-3, 1e-4]))
+    hum = Hum(50.01, 0.1, np.array([1.0, 2.0]), np.diag([1e-2, 2e-2, 1e-4]))
     again = Hum.of_text(hum.to_text())
     assert again is not None
     assert np.array_equal(again.at(_TIME), hum.at(_TIME))
     assert hum.scaled(-3.0).at(_TIME) == pytest.approx(-3.0 * hum.at(_TIME))
-    assert hum.scaled(-3.0).remaining(_TIME) == pytest.approx(3.0 * hum.remaining(_TIME))
+    assert np.abs(hum.scaled(-3.0).modes(_TIME)) == pytest.approx(3.0 * np.abs(hum.modes(_TIME)))
     assert Hum.of_text(None) is None

@@ -41,7 +41,7 @@ def test_uncertainties_hold_for_residuals_with_memory(memory):
     # Measured 1.00-1.10.
     random = np.random.default_rng(0)
     z = []
-    for _ in range(120):
+    for _ in range(80):
         time = np.arange(2000) * 0.01
         noise = 0.05 * lfilter([1], [1, -memory], random.standard_normal(2200))[200:]
         fit = fit_sinusoid(time, np.sin(2 * np.pi * 0.73 * time + 0.4) + 3 + 0.1 * time + noise)
@@ -57,7 +57,7 @@ def test_uncertainties_hold_for_residuals_with_memory(memory):
     assert np.all((spread > 0.75) & (spread < 1.3)), spread
 
 
-def test_rounding_is_told_where_it_repeats_in_every_cycle():
+def test_rounding_counts_where_it_repeats_in_every_cycle():
     """Spread of error over u was 1.0 to 1.2; without the step up to 4.4."""
     random = np.random.default_rng(0)
     step, time = 0.01, np.arange(0.0, 60.0, 0.05)
@@ -72,13 +72,13 @@ def test_rounding_is_told_where_it_repeats_in_every_cycle():
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.02, 0.5])
-def test_stiffness_and_lag_of_a_lossy_solid(lag):
+def test_stiffness_and_lag_of_a_lossy_solid_behind_a_filter(lag):
     random = np.random.default_rng(0)
     time = np.arange(0.0, 20.0, 0.01)
     angle = 2 * np.pi * 0.5 * time
     position = 1e-4 * np.sin(angle) + 1e-8 * random.standard_normal(2000)
-    force = 2.0 * np.sin(angle + lag) + 5 - 0.1 * np.log1p(time / 5) + 1e-3 * random.standard_normal(2000)
-    fit = common_fit(time, position, force)
+    force = 1.8 * np.sin(angle + lag - 0.3) + 5 - 0.1 * np.log1p(time / 5) + 1e-3 * random.standard_normal(2000)
+    fit = common_fit(time, position, force, response=lambda f: 0.9 * np.exp(-0.6j * f))
     assert fit.phase_lag == pytest.approx(lag, abs=4 * fit.u_phase_lag)
     assert fit.u_phase_lag < 1e-3
     assert fit.storage_stiffness == pytest.approx(2e4 * np.cos(lag), rel=1e-3)
@@ -95,15 +95,6 @@ def test_uneven_stage_does_not_blur_the_lag():
     assert fit.position.u_phase > 50 * fit.u_phase_lag
     assert fit.u_phase_lag < 1e-5
     assert abs(fit.phase_lag) < 5 * fit.u_phase_lag + 1e-7
-
-
-def test_response_of_the_force_channel_is_divided_out():
-    time = np.arange(0.0, 20.0, 0.01)
-    angle = 2 * np.pi * 0.5 * time
-    seen = 0.9 * 2.0 * np.sin(angle + 0.1 - 0.3)
-    fit = common_fit(time, 1e-4 * np.sin(angle), seen, response=lambda f: 0.9 * np.exp(-0.6j * f))
-    assert fit.phase_lag == pytest.approx(0.1, abs=1e-6)
-    assert fit.force.amplitude == pytest.approx(2.0, rel=1e-6)
 
 
 def test_damped_vibration_and_its_uncertainties():
@@ -127,16 +118,14 @@ def test_damped_vibration_and_its_uncertainties():
     assert fit.natural_frequency == pytest.approx(300, rel=5e-3)
 
 
-@pytest.mark.parametrize("zeta", [0.0, 0.002, 0.1, 0.3])
+@pytest.mark.parametrize("zeta", [0.0, 0.002, 0.3])
 def test_damping_over_two_decades(zeta):
-    time = np.arange(0.0, 0.1, 5e-5) + 3.0
-    s = time - 3.0
+    s = np.arange(0.0, 0.1, 5e-5)
     damped = 100 * np.sqrt(1 - zeta**2)
     ring = 1e-5 * np.exp(-zeta * 2 * np.pi * 100 * s) * np.cos(2 * np.pi * damped * s) + 1e-4
-    fit = fit_sinusoid(time, ring, is_damped=True)
-    assert fit.frequency == pytest.approx(damped, rel=1e-3)
+    fit = fit_sinusoid(s + 3.0, ring, is_damped=True)
+    assert (fit.frequency, fit.reference_time) == (pytest.approx(damped, rel=1e-3), 3.0)
     assert fit.damping_ratio == pytest.approx(zeta, abs=1e-3)
-    assert fit.reference_time == 3.0
 
 
 @pytest.mark.parametrize(
@@ -162,23 +151,13 @@ def test_frequencies_that_the_record_cannot_hold_are_refused(frequency):
         fit_sinusoid(time, np.sin(time), frequency)
 
 
-def test_loop_area_is_that_of_the_ellipse_at_any_phase_and_sampling():
-    for n_per_cycle in (9, 25, 500):
-        time = np.arange(0.0, 12.3, 1 / n_per_cycle)
-        angle = 2 * np.pi * time + 0.7
-        found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
-        expected = np.pi * 2e-4 * np.sin(0.2)
-        tolerance = 5e-3 if n_per_cycle == 9 else 1e-4
-        assert float(found.work.mean()) == pytest.approx(expected, rel=tolerance)
-        assert found.sizes["cycle"] == 12
-
-
-def test_drift_does_not_open_the_loop():
-    time = np.arange(0.0, 10.0, 0.01)
-    angle = 2 * np.pi * time
-    force = 2 * np.sin(angle + 0.1) - 0.05 * time + 20
-    found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
-    np.testing.assert_allclose(found.work, np.pi * 2e-4 * np.sin(0.1), rtol=1e-3)
+@pytest.mark.parametrize("n_per_cycle", [9, 25, 500])
+def test_loop_area_is_that_of_the_ellipse_at_any_phase_sampling_and_drift(n_per_cycle):
+    time = np.arange(0.0, 12.3, 1 / n_per_cycle)
+    angle = 2 * np.pi * time + 0.7
+    found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2) - 0.05 * time + 20, 1.0)
+    np.testing.assert_allclose(found.mean(), np.pi * 2e-4 * np.sin(0.2), rtol=5e-3 if n_per_cycle == 9 else 1e-3)
+    assert found.size == 12
 
 
 def test_rest_before_and_after_the_motion():
@@ -218,9 +197,9 @@ def test_real_frequencies_and_amplitudes_differ_from_the_header():
         below.append(100 * (1 - fit.position.frequency / nominal))
         above.append(100 * (1e3 * fit.position.amplitude / 0.0469 - 1))
         found = hysteresis_loops(time, position, force, fit.position.frequency, start=begin, end=end)
-        assert found.sizes["cycle"] in (17, 18)
+        assert found.size in (17, 18)
         ellipse = np.pi * fit.position.amplitude * fit.force.amplitude * np.sin(fit.phase_lag)
-        assert float(found.work.median()) == pytest.approx(ellipse, rel=0.01)
+        assert float(np.median(found)) == pytest.approx(ellipse, rel=0.01)
         assert fit.u_phase_lag < np.radians(0.02)
     np.testing.assert_allclose(below, [0.16, 0.11, 0.28, 0.48, 0.84], atol=0.06)
     assert above[0] == pytest.approx(0.6, abs=0.05)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
 from labpipe.signals import bounces, outliers
 
 
@@ -57,13 +56,10 @@ def test_steps_and_pulses_of_motion_are_no_outliers():
         assert not outliers(1e3 * pulse + noise).flags.any()
 
 
-def test_a_longer_interruption_is_named_and_kept(smooth_record):
+def test_a_longer_interruption_is_kept(smooth_record):
     values = smooth_record.copy()
     values[500:530] += 2000.0
-    found = outliers(values)
-    assert not found.flags.any()
-    assert found.jumps == [500, 530]
-    assert "readings 501-530" in found.interruption(np.arange(2000.0), values)
+    assert not outliers(values).flags.any()
 
 
 def test_uneven_times_and_missing_readings(smooth_record):
@@ -74,7 +70,7 @@ def test_uneven_times_and_missing_readings(smooth_record):
 
 
 @pytest.mark.filterwarnings("ignore:the record ends before:UserWarning")
-def test_wild_readings_change_no_bounce_and_longer_ones_are_named_as_the_cause(bouncing, displacement_of):
+def test_wild_readings_change_no_bounce(bouncing, displacement_of):
     time = np.arange(0.0, 0.2, 5e-5)
     position, _ = bouncing(loss=0.5).sample(time)
     noisy = position + 1e-6 * np.random.default_rng(1).standard_normal(time.size)
@@ -84,6 +80,3 @@ def test_wild_readings_change_no_bounce_and_longer_ones_are_named_as_the_cause(b
     found = bounces(displacement_of(time, wild))
     difference = np.abs(found["restitution"] - expected["restitution"]) / expected["u_restitution"]
     assert float(difference.max()) < 0.2
-    wild[2000:2400] += 2e-3
-    with pytest.raises(InputError, match=r"readings 2001-2400 .* leave the record"):
-        bounces(displacement_of(time, wild))
