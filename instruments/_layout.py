@@ -178,7 +178,16 @@ def fill(block: Block, lines: Lines, k: int, separator: str) -> int:
             block.unit_line = number
         else:
             block.facts |= facts(line) or stated_in_title(line)
-    block.separator = _separator_of_rows(lines[first][1], block, separator)
+    head = lines[first][1]
+    ways = dict.fromkeys([separator, *_OF_ROWS] if separator in _OF_ROWS else _OF_ROWS)
+    numbers = {way: sum(map(is_numeric, cells(head, way))) for way in ways}
+    whole = [way for way in numbers if len(trimmed(cells(head, way))) == len(block.headings)]
+    # that of the headings, unless it does not fit; of equals the first
+    block.separator = separator
+    if TAB in head.strip():
+        block.separator = TAB
+    elif whole or numbers.get(separator, 0) <= 1:
+        block.separator = max(whole or numbers, key=lambda way: numbers[way])
     for end, (number, line) in enumerate(lines[first:], first):
         parts = cells(line, block.separator)
         if not is_row(line, block, block.separator):  # a row with a damaged cell, or something else
@@ -212,18 +221,6 @@ def _take_units(block: Block, line: str, separator: str) -> bool:
             block.headings = [heading.with_unit(unit) for heading, unit in zip(block.headings, padded, strict=False)]
             return True
     return False
-
-
-def _separator_of_rows(line: str, block: Block, separator: str) -> str:
-    """Return the sign between the cells of the rows: that of the headings, unless it does not fit."""
-    if TAB in line.strip():
-        return TAB
-    ways = dict.fromkeys([separator, *_OF_ROWS] if separator in _OF_ROWS else _OF_ROWS)
-    numbers = {way: sum(map(is_numeric, cells(line, way))) for way in ways}
-    whole = [way for way in numbers if len(trimmed(cells(line, way))) == len(block.headings)]
-    if numbers.get(separator, 0) > 1 and not whole:
-        return separator
-    return max(whole or numbers, key=lambda way: numbers[way])  # of equals the first
 
 
 def is_row(line: str, block: Block, separator: str) -> bool:

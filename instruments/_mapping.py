@@ -73,7 +73,22 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
         given = enumerate(map(parsed, columns.split(";" if ";" in columns else ",")), 1)
         found = tuple(Chosen(h.name, number, h.unit) for number, h in given if h.is_known)
     else:
-        found = tuple(_one(name, value) for name, value in columns.items())
+        named = []
+        for name, value in columns.items():
+            known = name if name in TRACES else quantity(name)
+            if known not in SI_OF:
+                quantities = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
+                raise InputError(f'columns: "{name}" is no quantity; known are {quantities}')
+            stated = value if isinstance(value, Mapping) else {"column": value}
+            column, unit = stated.get("column"), stated.get("unit", "")
+            is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
+            if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
+                raise InputError(
+                    f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
+                    '{ column = "Position", unit = "m" }'
+                )
+            named.append(Chosen(str(known), column, unit))  # type: ignore[arg-type]  # it is a text or a number
+        found = tuple(named)
     names = [each.name for each in found]
     if twice := next((name for name in names if names.count(name) > 1), ""):
         raise InputError(f"columns: {twice} is named twice")
@@ -85,22 +100,6 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
             f"for example {_EXAMPLE}"
         )
     return found
-
-
-def _one(name: str, value: Any) -> Chosen:
-    known = name if name in TRACES else quantity(name)
-    if known not in SI_OF:
-        names = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
-        raise InputError(f'columns: "{name}" is no quantity; known are {names}')
-    stated = value if isinstance(value, Mapping) else {"column": value}
-    column, unit = stated.get("column"), stated.get("unit", "")
-    is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
-    if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
-        raise InputError(
-            f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
-            '{ column = "Position", unit = "m" }'
-        )
-    return Chosen(str(known), column, unit)  # type: ignore[arg-type]  # it is a text or a number
 
 
 def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:

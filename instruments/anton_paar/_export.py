@@ -19,7 +19,6 @@ from instruments._quantities import TEXT, TIMES, fold, quantity, repaired, signs
 from instruments._readings import converted, numbers, settled_units, short_rows
 from instruments._sheets import Notes, open_sheets
 from instruments.anton_paar._table import Export, Table
-from labpipe.arrays import Flags, Integers
 from labpipe.errors import SourceError
 from labpipe.text import Separators, check_decimal, shorten
 
@@ -151,7 +150,22 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
         if heading.name in TEXT or (is_word and heading.text and any(c and not is_numeric(c) for c in words)):
             texts[k] = Column(heading.name, heading.text, heading.unit, "", list(map(repaired, words)))
     wanted = settled_units(notes, table)
-    point, valid = _points(table, notes)
+    count = len(table.rows)
+    point, valid, before = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0
+    place = next((k for k, heading in enumerate(table.headings) if heading.name == "point"), None)
+    if place is None:
+        point = np.arange(1, count + 1)
+    for i, (line, row) in enumerate(table.rows if place is not None else ()):
+        if not (text := "".join(row[place:][:1])):
+            continue  # raw waveforms have no number
+        match = _POINT.fullmatch(repaired(text))
+        is_number = match is not None and (match[2] is None or fold(match[2]) in _INVALID)
+        if match is None or not is_number or int(match[1]) <= before:
+            message = f"found {shorten(text)}, expected {f'a number above {before}' if is_number else 'a point number'}"
+            hint = "Rows are missing, repeated or moved; export the file again."
+            raise SourceError(table.place(notes.path), message, line=line, hint=hint)
+        point[i] = before = int(match[1])
+        valid[i] = match[2] is None
     short = short_rows(notes, table, wanted)
     values = numbers(notes, table, signs, wanted)
     pairs = [
@@ -164,25 +178,3 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
     columns = (*converted(notes, table, pairs, wanted).values(), *texts.values())
     name = (table.test, table.result, table.number, table.declared)
     return Interval(*name, point, valid & ~short, columns, table.sheet)
-
-
-def _points(table: Table, notes: Notes) -> tuple[Integers, Flags]:
-    """Return the numbers of the points, which go up, and which of them are valid; raw waveforms have no number."""
-    names = [heading.name for heading in table.headings]
-    count = len(table.rows)
-    if "point" not in names:
-        return np.arange(1, count + 1), np.ones(count, dtype=bool)
-    point, valid, before = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0
-    for i, (line, row) in enumerate(table.rows):
-        text = "".join(row[names.index("point") :][:1])
-        if not text:
-            continue
-        match = _POINT.fullmatch(repaired(text))
-        is_number = match is not None and (match[2] is None or fold(match[2]) in _INVALID)
-        if match is None or not is_number or int(match[1]) <= before:
-            message = f"found {shorten(text)}, expected {f'a number above {before}' if is_number else 'a point number'}"
-            hint = "Rows are missing, repeated or moved; export the file again."
-            raise SourceError(table.place(notes.path), message, line=line, hint=hint)
-        point[i] = before = int(match[1])
-        valid[i] = match[2] is None
-    return point, valid

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 
 from instruments._headings import Heading, is_unit
 from instruments._layout import Block, Lines, cells, is_numeric, trimmed
-from instruments._quantities import TEXT, fold, quantity, repaired, slug
+from instruments._quantities import TEXT, WORDS, fold, quantity, repaired, slug
 from instruments._sheets import Notes
 from labpipe.errors import SourceError
 from labpipe.text import shorten
@@ -31,21 +31,7 @@ _UNITS_WITHIN = 3  # lines below the header: sub-labels, and a line that a hand 
 _MOST_COLUMNS = 512
 
 #: The meaning of a label before a table, by its spellings.
-_LABELS = {
-    "project": "project, projekt, projet, projeto, file, data series information, datenreihen information",
-    "test": "test, teste, essai, versuch, name",
-    "result": "result, ergebnis, resultat, resultado",
-    "interval": "interval, abschnitt, messabschnitt, intervalle, intervalo",
-    "points": (
-        "number of data points, anzahl datenpunkte, anzahl messpunkte, nombre de points de donnees, "
-        "numero de pontos de dados"
-    ),
-    "header": (
-        "interval data, intervalldaten, abschnittsdaten, intervall daten, intervalle donnees, interval donnees, "
-        "donnees intervalle, dados do intervalo, intervalo dados"
-    ),
-}
-_LABEL_OF = {fold(word): name for name, words in _LABELS.items() for word in words.split(", ")}
+_LABEL_OF = {fold(word): name for name, words in WORDS["rheometer"].items() for word in words}
 
 
 @dataclass(slots=True)

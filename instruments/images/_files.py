@@ -142,7 +142,24 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
             if stated > count and not is_broken:  # ImageJ describes only the first image of a stack beyond 4 GB
                 text = f"ImageJ states {stated} images, of which {count} are described in the file"
                 raise SourceError(path, text, hint="Save the stack as an image sequence of TIFF or PNG files.")
-            headers.extend(_page(path, film.pages[k], k, size, several=count > 1) for k in range(count))
+            for number in range(count):
+                page = film.pages[number]
+                if not isinstance(page, tifffile.TiffPage):
+                    raise SourceError(path, "a page holds no description of its image", hint=_EXPORT)
+                samples, meaning, bits = page.samplesperpixel, int(page.photometric), page.bitspersample
+                is_grey, is_colour = samples == 1 and meaning in (0, 1, 3), samples in (3, 4) and meaning == 2
+                note, packing = page.tags.get(274), page.compression
+                if not (is_grey or is_colour) or packing not in _COMPRESSIONS:
+                    text = f"a page has {samples} samples per pixel of interpretation {meaning}, compression {packing}"
+                    raise SourceError(path, f"{text}; expected grey or RGB", hint=_EXPORT)
+                if (note is not None and note.value != 1) or (count > 1 and is_colour and bits != 8):
+                    text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
+                    raise SourceError(path, text, hint=_EXPORT)
+                starts, counts = page.dataoffsets, page.databytecounts
+                is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
+                fault = "" if is_whole else "the TIFF page is cut off"
+                shape = page.imagelength, page.imagewidth
+                headers.append(_checked(ImageHeader(*shape, bits, "TIFF", path, number, packing != 1, fault)))
     except _UNREADABLE as error:
         is_broken, said = True, str(error)
     if is_broken and not headers:
@@ -169,28 +186,6 @@ def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
         seen.add(at)
         at = following
     return len(seen), False
-
-
-def _page(
-    path: Path, page: "tifffile.TiffPage | tifffile.TiffFrame", number: int, size: int, *, several: bool
-) -> ImageHeader:
-    if not isinstance(page, tifffile.TiffPage):
-        raise SourceError(path, "a page holds no description of its image", hint=_EXPORT)
-    samples, meaning, bits = page.samplesperpixel, int(page.photometric), page.bitspersample
-    is_grey, is_colour = samples == 1 and meaning in (0, 1, 3), samples in (3, 4) and meaning == 2
-    note = page.tags.get(274)
-    if not (is_grey or is_colour) or page.compression not in _COMPRESSIONS:
-        message = f"a page has {samples} samples per pixel of interpretation {meaning}, compression {page.compression}"
-        raise SourceError(path, f"{message}; expected grey or RGB", hint=_EXPORT)
-    if (note is not None and note.value != 1) or (several and is_colour and bits != 8):
-        text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
-        raise SourceError(path, text, hint=_EXPORT)
-    starts, counts = page.dataoffsets, page.databytecounts
-    is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
-    fault = "" if is_whole else "the TIFF page is cut off"
-    return _checked(
-        ImageHeader(page.imagelength, page.imagewidth, bits, "TIFF", path, number, page.compression != 1, fault)
-    )
 
 
 def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:

@@ -320,7 +320,23 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
         cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}")
     cursor.advance()
     values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
-    _check_time(cursor, values, starts)
+    # rows that repeat, go back, or are missing: time must be a grid from zero
+    time = values[:, 0] if len(values) else np.zeros(1)
+    steps = np.diff(time)
+    wrong, fault = np.flatnonzero(steps <= 0), "the time does not go on"
+    if not wrong.size:
+        interval = float(np.median(steps)) if steps.size else 0.0
+        wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
+        fault = f"rows are missing or added: the step is not {interval:.6f} s"
+        if not wrong.size and abs(time[0]) > interval / 2:
+            wrong, fault = np.array([-1]), "the first rows are missing: time must start at zero"
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        before, line_number = max(start for start in starts if start[0] <= row)
+        found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
+        hint = "The file was joined, repaired or edited: copy it from the instrument again."
+        at = line_number + row - before
+        raise SourceError(cursor.source.path, f"{fault} ({found})", line=at, column=1, hint=hint)
     return replace(
         block, columns=columns, values=values, dividers=tuple(dividers), has_data=True, is_complete=is_complete
     )
@@ -358,26 +374,3 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
         warn_of(cursor.source.path, text, line=cursor.number)
     cursor.advance()
     return tuple(columns)
-
-
-def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]]) -> None:
-    """Refuse rows that repeat, go back, or are missing: time must be a grid from zero."""
-    if not len(values):
-        return
-    time = values[:, 0]
-    steps = np.diff(time)
-    wrong = np.flatnonzero(steps <= 0)
-    fault = "the time does not go on"
-    if not wrong.size:
-        interval = float(np.median(steps)) if steps.size else 0.0
-        wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
-        fault = f"rows are missing or added: the step is not {interval:.6f} s"
-        if not wrong.size and abs(time[0]) > interval / 2:
-            wrong, fault = np.array([-1]), "the first rows are missing: time must start at zero"
-    if not wrong.size:
-        return
-    row = int(wrong[0]) + 1
-    before, line = max(start for start in starts if start[0] <= row)
-    found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
-    hint = "The file was joined, repaired or edited: copy it from the instrument again."
-    raise SourceError(cursor.source.path, f"{fault} ({found})", line=line + row - before, column=1, hint=hint)

@@ -50,7 +50,9 @@ def time_axis(header: Header) -> TimeAxis:
     # modular subtraction of unsigned counts, read as signed: exact for any pair of stamps
     stamps = number.astype(np.uint64) if header.stamps is None else header.stamps
     ticks = (stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
-    interval, stated = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * _UNIT, _stated_interval(header)
+    interval = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * _UNIT
+    rate, decimation = header.frame_rate, header.decimation or 1.0
+    stated = decimation / rate if rate and 1.0 <= decimation < np.inf else None  # by the header, where it can be true
     if header.stamps is not None and header.count == 1 and abs(ticks[0] * _UNIT) <= _CLOCK_LIMIT:
         return TimeAxis(np.asarray(ticks * _UNIT, np.float64), stated or 0.0, no, none)
     if header.stamps is None or interval <= 0:
@@ -82,12 +84,6 @@ def time_axis(header: Header) -> TimeAxis:
         verb = "frame was" if dropped == 1 else "frames were"
         found.append(f"{dropped} {verb} dropped by the camera, or it recorded in bursts")
     return TimeAxis(time, interval, bad, none, tuple(found))
-
-
-def _stated_interval(header: Header) -> float | None:
-    """Return the time between frames by the header in s, None where it cannot be true."""
-    rate, decimation = header.frame_rate, header.decimation or 1.0
-    return decimation / rate if rate and 1.0 <= decimation < np.inf else None
 
 
 def _impossible(ticks: Integers, interval: float) -> Flags:

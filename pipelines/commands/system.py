@@ -280,9 +280,7 @@ def acquire() -> None:
 @click.option("--decimals", type=int, multiple=True, required=True, help="Decimals of the display, for every output.")
 @click.option("--unit", "units", multiple=True, default=("mm",), help="Unit on the display, for every output.")
 @click.option("--interval", type=TIME, default="10 ms", help="Time between two readings.")
-@click.option("--duration", type=TIME, required=True, help="From the start, or from the trigger.")
-@click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
-@click.option("--before", type=TIME, default="100 ms", help="Duration kept before the trigger.")
+@click.option("--duration", type=TIME, required=True, help="Of the recording.")
 @click.option("--patience", type=TIME, default="10 s", help="Longest wait for an answer of the controller.")
 @json_option
 def keyence(file: Path, **given: Any) -> None:
@@ -294,8 +292,7 @@ def keyence(file: Path, **given: Any) -> None:
 
     \b
     Example:
-      labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s" \
-        --trigger "out1 < -0.5 mm" --interval "1 ms"
+      labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s"
     """
     from instruments import keyence as laser
 
@@ -310,11 +307,9 @@ def keyence(file: Path, **given: Any) -> None:
         laser.Setup(outputs, decimals, units, interval),
         lambda: laser.Connection(given["protocol"], given["host"], port, outputs, wait),
         given["duration"],
-        laser.Trigger.of(given["trigger"]) if given["trigger"] else None,
-        before=given["before"],
         patience=patience,
     )
-    found = {each.name: getattr(done, each.name) for each in fields(done) if not each.name.startswith("_")}
+    found = {each.name: getattr(done, each.name) for each in fields(done)}
     _show(found | {name: str(found[name]) for name in ("path", "times", "start")})
 
 
