@@ -270,7 +270,9 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
     form = _Form(n_columns, signs, tuple(layouts), all(layouts[first:]) and all(padded[first:]))
     stream, number = chain(sample, stream), header.n_lines + 1
     parts = [(np.empty((0, n_columns)), np.empty((0, n_columns), np.int8))]
-    while batch := [line.replace('"', "") for line in islice(stream, _BATCH)]:
+    while batch := list(islice(stream, _BATCH)):
+        if '"' in batch[0]:
+            batch = [line.replace('"', "") for line in batch]
         # rows of fixed numbers are equally long, apart from the digits of the counter
         lengths = {len(line) - (line.find(delimiter) if header.has_counter else 0) for line in batch}
         values = None
