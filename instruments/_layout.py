@@ -13,6 +13,8 @@ from pathlib import Path
 
 from instruments._headings import Heading, facts, is_begin, parsed, stated_in_title
 from instruments._quantities import OTHERS, fits
+from labpipe.errors import InputError, SourceError
+from labpipe.text import DOT, Separators, separators
 
 #: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
@@ -233,3 +235,24 @@ def is_row(line: str, block: Block, separator: str) -> bool:
     ]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
+
+
+def signs_of(path: Path, tables: Iterable[Block], decimal: str | None) -> Separators:
+    """Decide the decimal and the thousands sign of a file from its cells of numbers, or from a stated decimal sign.
+
+    SourceError where the cells are ambiguous, or show both signs as the decimal one.
+    """
+    rows = ((block, row) for block in tables for _, row in block.rows)
+    pairs = (pair for block, row in rows for pair in zip(block.headings, row, strict=False))
+    numbers = [cell for heading, cell in pairs if heading.is_known and heading.name != "point"]
+    if decimal is not None:
+        other = "." if decimal == "," else ","
+        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in numbers)
+        return Separators(decimal, other if has_other else "")
+    if not any("," in cell for cell in numbers):
+        return DOT
+    parts = (cell.strip().lower().partition("e") for cell in numbers)
+    try:  # no thousands sign stands before an exponent: one digit more makes that plain
+        return separators(m + "0" if exponent and {",", "."} & set(m) else m for m, _, exponent in parts)
+    except InputError as error:
+        raise SourceError(path, str(error)) from None

@@ -284,7 +284,15 @@ def _of_trace(heading: Heading) -> tuple[str, str]:
 
 def suggestion(lines: Lines) -> str:
     """Return the line to copy for an unknown table, "" where the lines hold no rows of numbers."""
-    longest, way, first = max((_run(lines, way) for way in _WAYS), key=lambda run: run[0])
+    longest, way, first = 0, TAB, 0  # the longest run of rows of numbers
+    for sign in _WAYS:
+        length = 0
+        for k, (_, line) in enumerate(lines):
+            filled = [cell for cell in cells(line, sign) if cell]
+            is_one = len(cells(line, sign)) > 1 and sum(map(is_numeric, filled)) >= max(1, len(filled) - 1)
+            length = length + 1 if is_one else 0
+            if length > longest:
+                longest, way, first = length, sign, k - length + 1
     if longest < _ROWS:
         return ""
     width = len(cells(lines[first][1], way))
@@ -298,18 +306,6 @@ def suggestion(lines: Lines) -> str:
         elif not heading.unit and (name := _of_trace(heading)[0]):  # a line of the header may state it
             headings[k] = heading.with_unit(_in_header(lines[:first], name == "time", k, way))
     return line_to_copy(headings)
-
-
-def _run(lines: Lines, way: str) -> tuple[int, str, int]:
-    """Return the length of the longest run of rows of numbers, the sign between their cells, and where it begins."""
-    best, length = (0, way, 0), 0
-    for k, (_, line) in enumerate(lines):
-        filled = [cell for cell in cells(line, way) if cell]
-        is_row = len(cells(line, way)) > 1 and sum(map(is_numeric, filled)) >= max(1, len(filled) - 1)
-        length = length + 1 if is_row else 0
-        if length > best[0]:
-            best = (length, way, k - length + 1)
-    return best
 
 
 def _are_names(row: Sequence[str], width: int) -> bool:

@@ -9,13 +9,11 @@ Italian, Portuguese, Japanese and Chinese, and the usual symbols; they are data,
 import re
 import tomllib
 import unicodedata
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from labpipe.errors import InputError, SourceError
-from labpipe.text import DOT, Separators, separators
+from labpipe.errors import InputError
 from labpipe.units import Unit, plain, unit
 
 #: Words of exports in all languages met: quantities with their SI units, units, labels.
@@ -139,21 +137,3 @@ def fits(name: str, stated: str) -> bool:
         return unit_of(stated).si in SI_OF.get(name, ())
     except InputError:
         return False
-
-
-def signs_of(path: Path, cells: Sequence[str], decimal: str | None) -> Separators:
-    """Decide the decimal and the thousands sign of a file from its cells of numbers, or from a stated decimal sign.
-
-    SourceError where the cells are ambiguous, or show both signs as the decimal one.
-    """
-    if decimal is not None:
-        other = "." if decimal == "," else ","
-        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in cells)
-        return Separators(decimal, other if has_other else "")
-    if not any("," in cell for cell in cells):
-        return DOT
-    parts = (cell.strip().lower().partition("e") for cell in cells)
-    try:  # no thousands sign stands before an exponent: one digit more makes that plain
-        return separators(m + "0" if exponent and {",", "."} & set(m) else m for m, _, exponent in parts)
-    except InputError as error:
-        raise SourceError(path, str(error)) from None

@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 
 from instruments._intervals import Column, Interval, assemble
-from instruments._layout import COMMA, SEMICOLON, TAB, Lines, cells, is_numeric
-from instruments._quantities import TEXT, TIMES, fold, quantity, repaired, signs_of
+from instruments._layout import COMMA, SEMICOLON, TAB, Lines, cells, is_numeric, signs_of
+from instruments._quantities import TEXT, TIMES, fold, quantity, repaired
 from instruments._readings import converted, numbers, settled_units, short_rows
 from instruments._sheets import Notes, open_sheets
 from instruments.anton_paar._table import Export, Table
@@ -86,16 +86,15 @@ def read(
     if not any(table.rows for table in export.tables):
         hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
         raise SourceError(path, "found no table with rows of data", hint=hint)
-    if found.open_line:
-        _check_last(notes, export.tables[-1], found.open_line)
-    evidence = [
-        cell
-        for table in export.tables
-        for _, row in table.rows
-        for heading, cell in zip(table.headings, row, strict=False)
-        if heading.unit
-    ]
-    signs = signs_of(path, evidence, decimal)
+    if found.open_line:  # the last point may be whole: it ends with a status seen above
+        last = export.tables[-1]
+        *ends, end = ["".join(row[-1:]) for _, row in last.rows] or [""]
+        is_last = last.rows[-1:] and last.rows[-1][0] == found.open_line and last.declared == len(last.rows)
+        if not (is_last and quantity(last.headings[-1].text) == "status" and end and end in ends):
+            text, hint = "the last line is cut, it has no line end", "Export the file again, or drop this line with "
+            raise SourceError(path, text, line=found.open_line, hint=hint + "allow_incomplete=True.")
+        notes.add("the last line has no line end; its table is complete, but further ones may be lost")
+    signs = signs_of(path, export.tables, decimal)
     intervals = [_interval(table, signs, notes) for table in export.tables if table.unit_line and table.rows]
     counts = {"rows_read": sum(len(t.rows) for t in export.tables), "intervals_read": len(export.tables)}
     attrs: dict[str, Any] = {
@@ -125,17 +124,6 @@ def _delimiter_of(path: Path, lines: Lines) -> str:
         return TAB
     text = f"no line such as 'Interval and data points: 1 11' in the first {_LOOKED_AT} lines"
     raise SourceError(path, text, line=1, hint="Is this an Anton Paar export? If so, export it again as CSV.")
-
-
-def _check_last(notes: Notes, last: Table, open_line: int) -> None:
-    """Refuse a last line without line end, unless it is the last point and ends with a status seen above."""
-    if last.rows and last.rows[-1][0] == open_line and last.declared == len(last.rows):
-        *ends, end = ["".join(row[-1:]) for _, row in last.rows]
-        if quantity(last.headings[-1].text) == "status" and end and end in ends:
-            notes.add("the last line has no line end; its table is complete, but further ones may be lost")
-            return
-    hint = "Export the file again, or drop this line with allow_incomplete=True."
-    raise SourceError(notes.path, "the last line is cut, it has no line end", line=open_line, hint=hint)
 
 
 def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:

@@ -22,6 +22,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from instruments._stored_film import StoredFrames
 from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered, is_tiff
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError, warn_of
@@ -188,8 +189,8 @@ def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
     return len(seen), False
 
 
-def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:
-    """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
+def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
+    """Return the headers of the images of a folder, sorted by the number in their names, and these; warn of gaps."""
     exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
     named = exact or lossy
     if not named:
@@ -239,7 +240,7 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
         after = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         text = f"{'1 image is' if missing == 1 else f'{missing} images are'} missing, the first after number {after}; "
         warn_of(folder.name, text + "times follow the numbers, so the film has gaps")
-    return ImageFiles(folder, headers, channel), numbers.astype(float)
+    return headers, numbers.astype(float)
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
@@ -270,34 +271,57 @@ def _numbers(paths: Sequence[Path]) -> list[int]:
     return varying[0]
 
 
-class ImageFiles:
-    """Images in files; damage of one is found when it is asked for.
+class ExportedFrames(StoredFrames):
+    """Frames of a decoder, which gives whole images; one is decoded when it is asked for.
 
-    ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
+    ``time`` and ``exposure`` (frame,) [s] are set by whoever opens the film.
     """
+
+    time: Floats
+    exposure: Floats | None = None
+
+    def __init__(self, path: Path, count: int, size: tuple[int, int], channel: Channel | None) -> None:
+        super().__init__(count, *size)
+        self._path, self._size, self._channel = path, size, channel
+        # The image that was decoded last, shared by all views: parts of one image are mostly asked for in a row.
+        self._last: dict[int, NDArray[np.integer[Any]]] = {}
+
+    def fault(self, index: int) -> str:
+        """Say why an image cannot be decoded, or ""; one of a video that cannot is not counted."""
+        del index
+        return ""
+
+    def whole(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one image."""
+        raise NotImplementedError
+
+    def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one frame; those of a video fastest in order."""
+        index = self._place(index)
+        image = self._last.get(index)
+        if image is None:
+            image = self.whole(index)
+            self._last.clear()
+            self._last[index] = image
+        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop].copy()
+
+
+class ImageFiles(ExportedFrames):
+    """Images in files; damage of one is found when it is asked for."""
 
     def __init__(self, path: Path, headers: Sequence[ImageHeader], channel: Channel | None) -> None:
         first = headers[0]
+        super().__init__(path, len(headers), first[:2], channel)
         for one in headers:
             if one[:3] != first[:3]:
                 text = f"{f'image {one.page + 1}: ' if one.page else ''}{one.columns} × {one.rows} px of {one.bits} "
                 text += f"bits, but the first of the film has {first.columns} × {first.rows} px of {first.bits} bits"
                 raise SourceError(one.path, text, hint=_ONE_FILM)
-        self._path, self._headers, self._channel = path, headers, channel
-        self._faults: dict[int, str] = {}
+        self._headers, self._faults = headers, dict[int, str]()
         cut = [i for i, one in enumerate(headers) if one.fault]
         self._warn(cut, "not whole")
         self._n_warned = len(cut)
         self._pages = _Pages(path) if headers[-1].page else None
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._headers[0][:2]
-
-    def __len__(self) -> int:
-        """Return the number of images."""
-        return len(self._headers)
 
     @cached_property
     def valid(self) -> Flags:
@@ -358,9 +382,9 @@ class ImageFiles:
         if fault := self.fault(index):
             raise SourceError(header.path, fault, hint="Use the frames marked in `.valid`.")
         image = self._decoded(header)
-        if image is None or image.shape[:2] != self.size:
+        if image is None or image.shape[:2] != self._size:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
-            raise SourceError(header.path, f"decodes to {found}, expected {self.size}", hint=_EXPORT)
+            raise SourceError(header.path, f"decodes to {found}, expected {self._size}", hint=_EXPORT)
         return one_intensity(image, ROUNDED * (header.kind == "JPEG"), header.path, "the image", self._channel)
 
     def _decoded(self, header: ImageHeader) -> NDArray[Any] | None:

@@ -56,7 +56,19 @@ class Connection:
     def read(self) -> Reading:
         """Ask once; SourceError if the answer is late, broken off, an error of the controller, or no reading."""
         try:
-            answer = self._answer()
+            deadline, answer = time.monotonic() + self._timeout, b""
+            self._socket.settimeout(self._timeout)
+            self._socket.sendall(_REQUESTS[self._protocol])
+            while not (len(answer) >= _LK_BYTES if self._protocol == LK_G5000 else answer.endswith(b"\r\n")):
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    raise TimeoutError
+                self._socket.settimeout(left)
+                piece = self._socket.recv(1024)
+                if not piece or len(answer) > 1024:
+                    text = f"the connection was closed or flooded after {len(answer)} bytes of an answer"
+                    raise ConnectionError(text)
+                answer += piece
         except OSError as error:
             said = f"no complete answer within {self._timeout:g} s" if isinstance(error, TimeoutError) else str(error)
             raise SourceError(self.address, said) from None
@@ -79,18 +91,3 @@ class Connection:
             for count in counts
         ]
         return Reading(counts, tuple(states))
-
-    def _answer(self) -> bytes:
-        deadline, data = time.monotonic() + self._timeout, b""
-        self._socket.settimeout(self._timeout)
-        self._socket.sendall(_REQUESTS[self._protocol])
-        while not (len(data) >= _LK_BYTES if self._protocol == LK_G5000 else data.endswith(b"\r\n")):
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise TimeoutError
-            self._socket.settimeout(left)
-            piece = self._socket.recv(1024)
-            if not piece or len(data) > 1024:
-                raise ConnectionError(f"the connection was closed or flooded after {len(data)} bytes of an answer")
-            data += piece
-        return data

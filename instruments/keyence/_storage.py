@@ -119,7 +119,8 @@ def read(
         if asked is not None or {"cycle", "storage"} <= header.entries.keys():
             sampling = header.settle_cycle(asked)
             stated = sampling * header.settle_storage(storage_factor, sampling, is_cycle_given=True)
-        return _with_times(source, header, unit_texts, stated, decimal, allow_incomplete)
+        how: dict[str, Any] = {"decimal": decimal, "allow_incomplete": allow_incomplete}
+        return _with_times(source, header, unit_texts[0], stated, **how)
     form, values, status = _read_rows(header, _rows(source, header, allow_incomplete), decimal)
     counter = values[:, 0].astype(np.int64) if header.has_counter else None
     _check_rows(header, len(values), counter, allow_incomplete)
@@ -180,14 +181,7 @@ def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> t
         raise
 
 
-def _with_times(
-    source: TextFile,
-    header: Header,
-    units: Sequence[str],
-    stated: float | None,
-    decimal: str | None,
-    allow_incomplete: bool,
-) -> xr.Dataset:
+def _with_times(source: TextFile, header: Header, unit_text: str, stated: float | None, **how: Any) -> xr.Dataset:
     """Read a table whose rows carry their times, as a recorder writes it: a trace of two named columns."""
     from instruments import tables
 
@@ -200,10 +194,10 @@ def _with_times(
         raise SourceError(source.path, text, line=header.n_lines + 1, hint=hint)
     columns = {
         "time": {"column": place + 1, "unit": header.time_unit},
-        "displacement": {"column": header.kept[-1] + 1, "unit": units[0]},
+        "displacement": {"column": header.kept[-1] + 1, "unit": unit_text},
     }
     cycle = None if stated is None else Quantity(stated, 0.0, "s")
-    return tables.read(source.path, columns=columns, cycle=cycle, decimal=decimal, allow_incomplete=allow_incomplete)
+    return tables.read(source.path, columns=columns, cycle=cycle, **how)
 
 
 def _rows(source: TextFile, header: Header, allow_incomplete: bool) -> Iterator[str]:

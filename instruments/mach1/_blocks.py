@@ -103,7 +103,7 @@ class Block:
     """One block of a file, as written.
 
     ``function`` is its tag without brackets; ``info_lines`` and ``parameter_lines`` are those of the header and of the
-    function, unchanged, ``info`` and ``parameters`` what they hold; ``columns`` are empty without a data section;
+    function, unchanged, ``parameters`` what the latter hold; ``columns`` are empty without a data section;
     ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before each divider;
     ``has_data`` if there is a data section, ``is_complete`` if it is ended.
     """
@@ -111,13 +111,17 @@ class Block:
     function: str
     info_lines: tuple[str, ...]
     parameter_lines: tuple[str, ...]
-    info: tuple[tuple[str, str], ...]
     parameters: tuple[Parameter, ...]
     columns: tuple[Column, ...]
     values: Floats
     dividers: tuple[int, ...] = ()
     has_data: bool = True
     is_complete: bool = True
+
+    @property
+    def info(self) -> dict[str, str]:
+        """Keys and values of the header."""
+        return dict(filter(None, map(pair_of, self.info_lines)))
 
 
 class Cursor:
@@ -250,7 +254,6 @@ def _read_info(cursor: Cursor) -> tuple[str, ...]:
 
 
 def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> Block:
-    info = tuple(pair for pair in map(pair_of, info_lines) if pair)
     cursor.advance()
     lines: list[str] = []
     parameters: list[Parameter] = []
@@ -271,7 +274,7 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> B
             message = f"found the unit {shorten(unit_text)}, expected one of {expected}"
             raise cursor.error(message, column=len(name) + 3)
         parameters.append(parameter_of(key, text, value))
-    block = Block(function, info_lines, tuple(lines), info, tuple(parameters), (), np.empty((0, 0)), has_data=False)
+    block = Block(function, info_lines, tuple(lines), tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block)
     if cursor.line is None and (function not in SILENT or cursor.cut is not None):

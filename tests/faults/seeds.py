@@ -45,8 +45,9 @@ def keyence_text(rows: int = 12) -> bytes:
 def keyence_readings(readings: np.ndarray, start: datetime = START, **settings: Any) -> xr.Dataset:
     """Readings [m or V] of one output every 50 us, as they are read from a file."""
     with TemporaryDirectory() as folder:
-        keyence.write(Path(folder) / "a.csv", {1: readings}, cycle="50 us", start=start, **settings)
-        return keyence.read(Path(folder) / "a.csv")
+        path = Path(folder) / "a.csv"
+        path.write_bytes(keyence.encode({1: readings}, cycle="50 us", start=start, **settings))
+        return keyence.read(path)
 
 
 def anton_paar_intervals() -> list[Any]:
