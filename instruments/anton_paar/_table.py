@@ -17,7 +17,6 @@ Structure is asked before words: a label and two whole numbers begin an interval
 
 import re
 from dataclasses import dataclass, field
-from itertools import zip_longest
 
 from instruments._headings import Heading, is_unit
 from instruments._layout import Block, Lines, cells, is_numeric, trimmed
@@ -162,7 +161,8 @@ class Export:
             text = f"found {len(inside)} units for {len(table.headings)} columns"
             raise SourceError(table.place(self.notes.path), text, line=line)
         table.unit_line, headings = line, list[Heading]()
-        for heading, unit, sub in zip_longest(table.headings, inside, subs[: len(table.headings)], fillvalue=""):
+        units, labels = ([*texts, *[""] * len(table.headings)][: len(table.headings)] for texts in (inside, subs))
+        for heading, unit, sub in zip(table.headings, units, labels, strict=True):
             # of several columns with one heading the further ones have their sub-label or a number in their names
             text, known = heading.text, quantity(heading.text)
             first = known or slug(text)
