@@ -4,6 +4,10 @@
 package whose ``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
 they are asked. Other distributions add theirs by entry points of the group
 ``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
+
+The room is larger than most, as it reads the files of fourteen programs, films of two cameras, images and videos, and
+any other table by named columns, and refuses damage with line and remedy. A tenth of it makes files: a writer next
+to each reader, for sample data and tests, and the recording of a laser controller.
 """
 
 from __future__ import annotations

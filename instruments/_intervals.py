@@ -114,40 +114,38 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
     source = {} if path is None else {"source": path.name}
     described_intervals = {"tests": json.dumps(entries, ensure_ascii=False)}
     dataset.attrs = {"instrument": DEVICE, "layout": "RheoCompass", **described_intervals, **source, **attrs}
-    return _frequencies(_unclipped(dataset))
+    return _completed(dataset)
 
 
-def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
-    """Replace clipped loss factors by the ratio of the moduli, unless the storage modulus was made from them."""
-    if "loss_factor" not in dataset:
-        return dataset
-    factor = dataset["loss_factor"].values
-    clipped = np.abs(factor) >= CLIPPED * (1 - 1e-9)
-    fresh = np.where(clipped, np.nan, factor)
-    if "storage_modulus" in dataset and "loss_modulus" in dataset:
-        storage, loss = dataset["storage_modulus"].values, dataset["loss_modulus"].values
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = loss / storage
-        is_real = (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE))
-        fresh = np.where(clipped & is_real, ratio, fresh)
-    meaning = "1 where the file's loss factor is clipped at 20000"
-    marked = variable(_SAMPLE, clipped.astype(np.int8), "1", meaning)
-    return dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
+def _completed(dataset: xr.Dataset) -> xr.Dataset:
+    """Replace clipped loss factors by the ratio of the moduli, and give both frequencies where the file has one.
 
-
-def _frequencies(dataset: xr.Dataset) -> xr.Dataset:
-    """Give both frequencies where the file has one."""
+    A ratio of which the storage modulus was made from the clipped value is none.
+    """
+    if "loss_factor" in dataset:
+        factor = dataset["loss_factor"].values
+        clipped = np.abs(factor) >= CLIPPED * (1 - 1e-9)
+        fresh = np.where(clipped, np.nan, factor)
+        if "storage_modulus" in dataset and "loss_modulus" in dataset:
+            storage, loss = dataset["storage_modulus"].values, dataset["loss_modulus"].values
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = loss / storage
+            is_real = (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE))
+            fresh = np.where(clipped & is_real, ratio, fresh)
+        marked = variable(_SAMPLE, clipped.astype(np.int8), "1", "1 where the file's loss factor is clipped at 20000")
+        dataset = dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
     names = {"frequency": ("Hz", "Frequency"), "angular_frequency": ("rad/s", "Angular Frequency")}
-    found = {name: dataset[name].values for name in names if name in dataset}
-    if not found:
-        return dataset
-    dataset.attrs["derived"] = next((name for name in names if name not in found), "")
-    absent = np.full(dataset.sizes["sample"], np.nan)
-    hertz, omega = found.get("frequency", absent), found.get("angular_frequency", absent)
-    both = np.where(np.isnan(hertz), omega / (2 * np.pi), hertz), np.where(np.isnan(omega), hertz * (2 * np.pi), omega)
-    return dataset.assign(
-        {name: variable(_SAMPLE, v, *said) for (name, said), v in zip(names.items(), both, strict=True)}
-    )
+    if found := {name: dataset[name].values for name in names if name in dataset}:
+        dataset.attrs["derived"] = next((name for name in names if name not in found), "")
+        absent = np.full(dataset.sizes["sample"], np.nan)
+        hertz, omega = (found.get(name, absent) for name in names)
+        both = (
+            np.where(np.isnan(hertz), omega / (2 * np.pi), hertz),
+            np.where(np.isnan(omega), hertz * (2 * np.pi), omega),
+        )
+        made = {name: variable(_SAMPLE, v, *said) for (name, said), v in zip(names.items(), both, strict=True)}
+        dataset = dataset.assign(made)
+    return dataset
 
 
 def make_column(header: str, unit: str, values: Any) -> Column:

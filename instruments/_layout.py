@@ -13,6 +13,8 @@ from pathlib import Path
 
 from instruments._headings import Heading, facts, is_begin, parsed, stated_in_title
 from instruments._quantities import OTHERS, fits
+from labpipe.errors import InputError, SourceError
+from labpipe.text import DOT, Separators, separators
 
 #: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
@@ -178,7 +180,16 @@ def fill(block: Block, lines: Lines, k: int, separator: str) -> int:
             block.unit_line = number
         else:
             block.facts |= facts(line) or stated_in_title(line)
-    block.separator = _separator_of_rows(lines[first][1], block, separator)
+    head = lines[first][1]
+    ways = dict.fromkeys([separator, *_OF_ROWS] if separator in _OF_ROWS else _OF_ROWS)
+    numbers = {way: sum(map(is_numeric, cells(head, way))) for way in ways}
+    whole = [way for way in numbers if len(trimmed(cells(head, way))) == len(block.headings)]
+    # that of the headings, unless it does not fit; of equals the first
+    block.separator = separator
+    if TAB in head.strip():
+        block.separator = TAB
+    elif whole or numbers.get(separator, 0) <= 1:
+        block.separator = max(whole or numbers, key=lambda way: numbers[way])
     for end, (number, line) in enumerate(lines[first:], first):
         parts = cells(line, block.separator)
         if not is_row(line, block, block.separator):  # a row with a damaged cell, or something else
@@ -214,18 +225,6 @@ def _take_units(block: Block, line: str, separator: str) -> bool:
     return False
 
 
-def _separator_of_rows(line: str, block: Block, separator: str) -> str:
-    """Return the sign between the cells of the rows: that of the headings, unless it does not fit."""
-    if TAB in line.strip():
-        return TAB
-    ways = dict.fromkeys([separator, *_OF_ROWS] if separator in _OF_ROWS else _OF_ROWS)
-    numbers = {way: sum(map(is_numeric, cells(line, way))) for way in ways}
-    whole = [way for way in numbers if len(trimmed(cells(line, way))) == len(block.headings)]
-    if numbers.get(separator, 0) > 1 and not whole:
-        return separator
-    return max(whole or numbers, key=lambda way: numbers[way])  # of equals the first
-
-
 def is_row(line: str, block: Block, separator: str) -> bool:
     """Recognise a row of numbers: the known columns that a result may need hold numbers, or nothing."""
     way = TAB if TAB in line.strip() else separator if separator in _OF_ROWS else BLANKS
@@ -236,3 +235,24 @@ def is_row(line: str, block: Block, separator: str) -> bool:
     ]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
+
+
+def signs_of(path: Path, tables: Iterable[Block], decimal: str | None) -> Separators:
+    """Decide the decimal and the thousands sign of a file from its cells of numbers, or from a stated decimal sign.
+
+    SourceError where the cells are ambiguous, or show both signs as the decimal one.
+    """
+    rows = ((block, row) for block in tables for _, row in block.rows)
+    pairs = (pair for block, row in rows for pair in zip(block.headings, row, strict=False))
+    numbers = [cell for heading, cell in pairs if heading.is_known and heading.name != "point"]
+    if decimal is not None:
+        other = "." if decimal == "," else ","
+        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in numbers)
+        return Separators(decimal, other if has_other else "")
+    if not any("," in cell for cell in numbers):
+        return DOT
+    parts = (cell.strip().lower().partition("e") for cell in numbers)
+    try:  # no thousands sign stands before an exponent: one digit more makes that plain
+        return separators(m + "0" if exponent and {",", "."} & set(m) else m for m, _, exponent in parts)
+    except InputError as error:
+        raise SourceError(path, str(error)) from None

@@ -73,7 +73,22 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
         given = enumerate(map(parsed, columns.split(";" if ";" in columns else ",")), 1)
         found = tuple(Chosen(h.name, number, h.unit) for number, h in given if h.is_known)
     else:
-        found = tuple(_one(name, value) for name, value in columns.items())
+        named = []
+        for name, value in columns.items():
+            known = name if name in TRACES else quantity(name)
+            if known not in SI_OF:
+                quantities = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
+                raise InputError(f'columns: "{name}" is no quantity; known are {quantities}')
+            stated = value if isinstance(value, Mapping) else {"column": value}
+            column, unit = stated.get("column"), stated.get("unit", "")
+            is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
+            if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
+                raise InputError(
+                    f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
+                    '{ column = "Position", unit = "m" }'
+                )
+            named.append(Chosen(str(known), column, unit))  # type: ignore[arg-type]  # it is a text or a number
+        found = tuple(named)
     names = [each.name for each in found]
     if twice := next((name for name in names if names.count(name) > 1), ""):
         raise InputError(f"columns: {twice} is named twice")
@@ -85,22 +100,6 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
             f"for example {_EXAMPLE}"
         )
     return found
-
-
-def _one(name: str, value: Any) -> Chosen:
-    known = name if name in TRACES else quantity(name)
-    if known not in SI_OF:
-        names = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
-        raise InputError(f'columns: "{name}" is no quantity; known are {names}')
-    stated = value if isinstance(value, Mapping) else {"column": value}
-    column, unit = stated.get("column"), stated.get("unit", "")
-    is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
-    if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
-        raise InputError(
-            f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
-            '{ column = "Position", unit = "m" }'
-        )
-    return Chosen(str(known), column, unit)  # type: ignore[arg-type]  # it is a text or a number
 
 
 def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:
@@ -285,7 +284,15 @@ def _of_trace(heading: Heading) -> tuple[str, str]:
 
 def suggestion(lines: Lines) -> str:
     """Return the line to copy for an unknown table, "" where the lines hold no rows of numbers."""
-    longest, way, first = max((_run(lines, way) for way in _WAYS), key=lambda run: run[0])
+    longest, way, first = 0, TAB, 0  # the longest run of rows of numbers
+    for sign in _WAYS:
+        length = 0
+        for k, (_, line) in enumerate(lines):
+            filled = [cell for cell in cells(line, sign) if cell]
+            is_one = len(cells(line, sign)) > 1 and sum(map(is_numeric, filled)) >= max(1, len(filled) - 1)
+            length = length + 1 if is_one else 0
+            if length > longest:
+                longest, way, first = length, sign, k - length + 1
     if longest < _ROWS:
         return ""
     width = len(cells(lines[first][1], way))
@@ -299,18 +306,6 @@ def suggestion(lines: Lines) -> str:
         elif not heading.unit and (name := _of_trace(heading)[0]):  # a line of the header may state it
             headings[k] = heading.with_unit(_in_header(lines[:first], name == "time", k, way))
     return line_to_copy(headings)
-
-
-def _run(lines: Lines, way: str) -> tuple[int, str, int]:
-    """Return the length of the longest run of rows of numbers, the sign between their cells, and where it begins."""
-    best, length = (0, way, 0), 0
-    for k, (_, line) in enumerate(lines):
-        filled = [cell for cell in cells(line, way) if cell]
-        is_row = len(cells(line, way)) > 1 and sum(map(is_numeric, filled)) >= max(1, len(filled) - 1)
-        length = length + 1 if is_row else 0
-        if length > best[0]:
-            best = (length, way, k - length + 1)
-    return best
 
 
 def _are_names(row: Sequence[str], width: int) -> bool:

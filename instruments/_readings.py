@@ -38,7 +38,19 @@ def intervals(notes: Notes, block: Block, signs: Separators, first: int) -> list
     of several specimens stand side by side.
     """
     path = block.place(notes.path)
-    _settle_headings(block)
+    fitting = {h.name for h in block.headings if h.is_known and fits(h.name, h.unit)}
+    for k, heading in enumerate(block.headings):
+        cells = [row[k] if k < len(row) else "" for _, row in block.rows]
+        # A stiffness K* (N/m) next to E*, or a time of day next to frequencies, only shares a name.
+        is_misfit = heading.is_known and heading.unit and not fits(heading.name, heading.unit)
+        is_other = (is_misfit and heading.name in fitting) or (heading.name in TIMES and any(map(is_clock, cells)))
+        if heading.name == "set" and not all(is_numeric(cell) or not cell for cell in cells):
+            numbered = {name: str(count) for count, name in enumerate(dict.fromkeys(cells))}
+            is_other = len(numbered) == len(cells) > 1  # each row with a name of its own
+            for _, row in block.rows if not is_other else ():
+                row[k : k + 1] = [numbered[row[k] if k < len(row) else ""]]
+        if is_other:
+            block.headings[k] = replace(heading, name=slug(heading.text), is_known=False)
     wanted = settled_units(notes, block)
     for k, heading in enumerate(block.headings):
         named = (
@@ -70,23 +82,6 @@ def intervals(notes: Notes, block: Block, signs: Separators, first: int) -> list
             title, number = block.title or "table", first + len(found)
             found.append(Interval(notes.path.stem, title, number, None, own, is_whole[rows], tuple(kept)))
     return found
-
-
-def _settle_headings(block: Block) -> None:
-    """Take for other quantities the columns that only share a name, and name the sets."""
-    fitting = {h.name for h in block.headings if h.is_known and fits(h.name, h.unit)}
-    for k, heading in enumerate(block.headings):
-        cells = [row[k] if k < len(row) else "" for _, row in block.rows]
-        # A stiffness K* (N/m) next to E*; a time of day next to frequencies.
-        is_misfit = heading.is_known and heading.unit and not fits(heading.name, heading.unit)
-        is_other = (is_misfit and heading.name in fitting) or (heading.name in TIMES and any(map(is_clock, cells)))
-        if heading.name == "set" and not all(is_numeric(cell) or not cell for cell in cells):
-            numbers = {name: str(count) for count, name in enumerate(dict.fromkeys(cells))}
-            is_other = len(numbers) == len(cells) > 1  # each row with a name of its own
-            for _, row in block.rows if not is_other else ():
-                row[k : k + 1] = [numbers[row[k] if k < len(row) else ""]]
-        if is_other:
-            block.headings[k] = replace(heading, name=slug(heading.text), is_known=False)
 
 
 def _unit(block: Block, heading: Heading) -> str:

@@ -14,12 +14,11 @@ import numpy as np
 import xarray as xr
 
 from instruments._intervals import Column, Interval, assemble
-from instruments._layout import COMMA, SEMICOLON, TAB, Lines, cells, is_numeric
-from instruments._quantities import TEXT, TIMES, fold, quantity, repaired, signs_of
+from instruments._layout import COMMA, SEMICOLON, TAB, Lines, cells, is_numeric, signs_of
+from instruments._quantities import TEXT, TIMES, fold, quantity, repaired
 from instruments._readings import converted, numbers, settled_units, short_rows
 from instruments._sheets import Notes, open_sheets
 from instruments.anton_paar._table import Export, Table
-from labpipe.arrays import Flags, Integers
 from labpipe.errors import SourceError
 from labpipe.text import Separators, check_decimal, shorten
 
@@ -87,16 +86,15 @@ def read(
     if not any(table.rows for table in export.tables):
         hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
         raise SourceError(path, "found no table with rows of data", hint=hint)
-    if found.open_line:
-        _check_last(notes, export.tables[-1], found.open_line)
-    evidence = [
-        cell
-        for table in export.tables
-        for _, row in table.rows
-        for heading, cell in zip(table.headings, row, strict=False)
-        if heading.unit
-    ]
-    signs = signs_of(path, evidence, decimal)
+    if found.open_line:  # the last point may be whole: it ends with a status seen above
+        last = export.tables[-1]
+        *ends, end = ["".join(row[-1:]) for _, row in last.rows] or [""]
+        is_last = last.rows[-1:] and last.rows[-1][0] == found.open_line and last.declared == len(last.rows)
+        if not (is_last and quantity(last.headings[-1].text) == "status" and end and end in ends):
+            text, hint = "the last line is cut, it has no line end", "Export the file again, or drop this line with "
+            raise SourceError(path, text, line=found.open_line, hint=hint + "allow_incomplete=True.")
+        notes.add("the last line has no line end; its table is complete, but further ones may be lost")
+    signs = signs_of(path, export.tables, decimal)
     intervals = [_interval(table, signs, notes) for table in export.tables if table.unit_line and table.rows]
     counts = {"rows_read": sum(len(t.rows) for t in export.tables), "intervals_read": len(export.tables)}
     attrs: dict[str, Any] = {
@@ -128,17 +126,6 @@ def _delimiter_of(path: Path, lines: Lines) -> str:
     raise SourceError(path, text, line=1, hint="Is this an Anton Paar export? If so, export it again as CSV.")
 
 
-def _check_last(notes: Notes, last: Table, open_line: int) -> None:
-    """Refuse a last line without line end, unless it is the last point and ends with a status seen above."""
-    if last.rows and last.rows[-1][0] == open_line and last.declared == len(last.rows):
-        *ends, end = ["".join(row[-1:]) for _, row in last.rows]
-        if quantity(last.headings[-1].text) == "status" and end and end in ends:
-            notes.add("the last line has no line end; its table is complete, but further ones may be lost")
-            return
-    hint = "Export the file again, or drop this line with allow_incomplete=True."
-    raise SourceError(notes.path, "the last line is cut, it has no line end", line=open_line, hint=hint)
-
-
 def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
     """Turn one table into numbers and texts."""
     texts: dict[int, Column] = {}
@@ -151,7 +138,22 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
         if heading.name in TEXT or (is_word and heading.text and any(c and not is_numeric(c) for c in words)):
             texts[k] = Column(heading.name, heading.text, heading.unit, "", list(map(repaired, words)))
     wanted = settled_units(notes, table)
-    point, valid = _points(table, notes)
+    count = len(table.rows)
+    point, valid, before = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0
+    place = next((k for k, heading in enumerate(table.headings) if heading.name == "point"), None)
+    if place is None:
+        point = np.arange(1, count + 1)
+    for i, (line, row) in enumerate(table.rows if place is not None else ()):
+        if not (text := "".join(row[place:][:1])):
+            continue  # raw waveforms have no number
+        match = _POINT.fullmatch(repaired(text))
+        is_number = match is not None and (match[2] is None or fold(match[2]) in _INVALID)
+        if match is None or not is_number or int(match[1]) <= before:
+            message = f"found {shorten(text)}, expected {f'a number above {before}' if is_number else 'a point number'}"
+            hint = "Rows are missing, repeated or moved; export the file again."
+            raise SourceError(table.place(notes.path), message, line=line, hint=hint)
+        point[i] = before = int(match[1])
+        valid[i] = match[2] is None
     short = short_rows(notes, table, wanted)
     values = numbers(notes, table, signs, wanted)
     pairs = [
@@ -164,25 +166,3 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
     columns = (*converted(notes, table, pairs, wanted).values(), *texts.values())
     name = (table.test, table.result, table.number, table.declared)
     return Interval(*name, point, valid & ~short, columns, table.sheet)
-
-
-def _points(table: Table, notes: Notes) -> tuple[Integers, Flags]:
-    """Return the numbers of the points, which go up, and which of them are valid; raw waveforms have no number."""
-    names = [heading.name for heading in table.headings]
-    count = len(table.rows)
-    if "point" not in names:
-        return np.arange(1, count + 1), np.ones(count, dtype=bool)
-    point, valid, before = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0
-    for i, (line, row) in enumerate(table.rows):
-        text = "".join(row[names.index("point") :][:1])
-        if not text:
-            continue
-        match = _POINT.fullmatch(repaired(text))
-        is_number = match is not None and (match[2] is None or fold(match[2]) in _INVALID)
-        if match is None or not is_number or int(match[1]) <= before:
-            message = f"found {shorten(text)}, expected {f'a number above {before}' if is_number else 'a point number'}"
-            hint = "Rows are missing, repeated or moved; export the file again."
-            raise SourceError(table.place(notes.path), message, line=line, hint=hint)
-        point[i] = before = int(match[1])
-        valid[i] = match[2] is None
-    return point, valid

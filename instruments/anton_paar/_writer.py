@@ -5,11 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from instruments._intervals import Column, Interval
+from instruments._intervals import Interval
 from instruments._quantities import unit_of
 from labpipe import files
 from labpipe.errors import InputError
-from labpipe.units import ZERO_CELSIUS
 
 
 def encode(intervals: Sequence[Interval], project: str = "", digits: int | None = None) -> bytes:
@@ -47,24 +46,20 @@ def encode(intervals: Sequence[Interval], project: str = "", digits: int | None 
             ["", "", *(column.unit for column in columns)],
         ]
         numbers = [f"{n}" if ok else f"{n} (invalid)" for n, ok in zip(interval.point, interval.is_valid, strict=True)]
-        written = (_written(column, digits) for column in columns)
+        written = []
+        for column in columns:  # in the unit of its heading
+            if isinstance(column.values, list):
+                written.append(column.values)
+                continue
+            shown = (np.asarray(column.values) / unit_of(column.unit).factor).tolist()
+            texts = (repr(value) if digits is None else f"{value:.{digits}g}" for value in shown)
+            written.append(["" if text == "nan" else text.replace("e", "E") for text in texts])
         rows += [*(["", *row] for row in zip(numbers, *written, strict=True)), [""]]
         before = place
     if bad := next((cell for row in rows for cell in row if not {"\n", "\r", "\t"}.isdisjoint(cell)), None):
         raise InputError(f"a cell of an export holds no line end and no TAB: {bad!r}")
     text = "\r\n".join("\t".join(row) for row in rows[:-1]) + "\r\n"
     return b"\xff\xfe" + text.encode("utf-16-le")
-
-
-def _written(column: Column, digits: int | None) -> list[str]:
-    """Return the cells of a column, in the unit of its heading."""
-    if isinstance(column.values, list):
-        return column.values
-    factor, si = unit_of(column.unit)
-    zero = ZERO_CELSIUS if (si, column.si) == ("K", "degC") else 0.0
-    shown = (np.asarray(column.values) / factor + zero).tolist()
-    texts = (repr(value) if digits is None else f"{value:.{digits}g}" for value in shown)
-    return ["" if np.isnan(value) else text.replace("e", "E") for value, text in zip(shown, texts, strict=True)]
 
 
 def write(

@@ -8,7 +8,7 @@ from instruments._instrument import Instrument
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from instruments.images._stack import NEEDS_RATE as NEEDS_RATE, ExportedFrames as ExportedFrames, read as read
+    from instruments.images._stack import NEEDS_RATE as NEEDS_RATE, read as read
 else:
     __getattr__ = lazily(__name__)
 

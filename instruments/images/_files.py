@@ -22,6 +22,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from instruments._stored_film import StoredFrames
 from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered, is_tiff
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError, warn_of
@@ -142,7 +143,24 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
             if stated > count and not is_broken:  # ImageJ describes only the first image of a stack beyond 4 GB
                 text = f"ImageJ states {stated} images, of which {count} are described in the file"
                 raise SourceError(path, text, hint="Save the stack as an image sequence of TIFF or PNG files.")
-            headers.extend(_page(path, film.pages[k], k, size, several=count > 1) for k in range(count))
+            for number in range(count):
+                page = film.pages[number]
+                if not isinstance(page, tifffile.TiffPage):
+                    raise SourceError(path, "a page holds no description of its image", hint=_EXPORT)
+                samples, meaning, bits = page.samplesperpixel, int(page.photometric), page.bitspersample
+                is_grey, is_colour = samples == 1 and meaning in (0, 1, 3), samples in (3, 4) and meaning == 2
+                note, packing = page.tags.get(274), page.compression
+                if not (is_grey or is_colour) or packing not in _COMPRESSIONS:
+                    text = f"a page has {samples} samples per pixel of interpretation {meaning}, compression {packing}"
+                    raise SourceError(path, f"{text}; expected grey or RGB", hint=_EXPORT)
+                if (note is not None and note.value != 1) or (count > 1 and is_colour and bits != 8):
+                    text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
+                    raise SourceError(path, text, hint=_EXPORT)
+                starts, counts = page.dataoffsets, page.databytecounts
+                is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
+                fault = "" if is_whole else "the TIFF page is cut off"
+                shape = page.imagelength, page.imagewidth
+                headers.append(_checked(ImageHeader(*shape, bits, "TIFF", path, number, packing != 1, fault)))
     except _UNREADABLE as error:
         is_broken, said = True, str(error)
     if is_broken and not headers:
@@ -171,30 +189,8 @@ def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
     return len(seen), False
 
 
-def _page(
-    path: Path, page: "tifffile.TiffPage | tifffile.TiffFrame", number: int, size: int, *, several: bool
-) -> ImageHeader:
-    if not isinstance(page, tifffile.TiffPage):
-        raise SourceError(path, "a page holds no description of its image", hint=_EXPORT)
-    samples, meaning, bits = page.samplesperpixel, int(page.photometric), page.bitspersample
-    is_grey, is_colour = samples == 1 and meaning in (0, 1, 3), samples in (3, 4) and meaning == 2
-    note = page.tags.get(274)
-    if not (is_grey or is_colour) or page.compression not in _COMPRESSIONS:
-        message = f"a page has {samples} samples per pixel of interpretation {meaning}, compression {page.compression}"
-        raise SourceError(path, f"{message}; expected grey or RGB", hint=_EXPORT)
-    if (note is not None and note.value != 1) or (several and is_colour and bits != 8):
-        text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
-        raise SourceError(path, text, hint=_EXPORT)
-    starts, counts = page.dataoffsets, page.databytecounts
-    is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
-    fault = "" if is_whole else "the TIFF page is cut off"
-    return _checked(
-        ImageHeader(page.imagelength, page.imagewidth, bits, "TIFF", path, number, page.compression != 1, fault)
-    )
-
-
-def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:
-    """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
+def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
+    """Return the headers of the images of a folder, sorted by the number in their names, and these; warn of gaps."""
     exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
     named = exact or lossy
     if not named:
@@ -244,7 +240,7 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
         after = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         text = f"{'1 image is' if missing == 1 else f'{missing} images are'} missing, the first after number {after}; "
         warn_of(folder.name, text + "times follow the numbers, so the film has gaps")
-    return ImageFiles(folder, headers, channel), numbers.astype(float)
+    return headers, numbers.astype(float)
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
@@ -275,34 +271,57 @@ def _numbers(paths: Sequence[Path]) -> list[int]:
     return varying[0]
 
 
-class ImageFiles:
-    """Images in files; damage of one is found when it is asked for.
+class ExportedFrames(StoredFrames):
+    """Frames of a decoder, which gives whole images; one is decoded when it is asked for.
 
-    ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
+    ``time`` and ``exposure`` (frame,) [s] are set by whoever opens the film.
     """
+
+    time: Floats
+    exposure: Floats | None = None
+
+    def __init__(self, path: Path, count: int, size: tuple[int, int], channel: Channel | None) -> None:
+        super().__init__(count, *size)
+        self._path, self._size, self._channel = path, size, channel
+        # The image that was decoded last, shared by all views: parts of one image are mostly asked for in a row.
+        self._last: dict[int, NDArray[np.integer[Any]]] = {}
+
+    def fault(self, index: int) -> str:
+        """Say why an image cannot be decoded, or ""; one of a video that cannot is not counted."""
+        del index
+        return ""
+
+    def whole(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one image."""
+        raise NotImplementedError
+
+    def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one frame; those of a video fastest in order."""
+        index = self._place(index)
+        image = self._last.get(index)
+        if image is None:
+            image = self.whole(index)
+            self._last.clear()
+            self._last[index] = image
+        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop].copy()
+
+
+class ImageFiles(ExportedFrames):
+    """Images in files; damage of one is found when it is asked for."""
 
     def __init__(self, path: Path, headers: Sequence[ImageHeader], channel: Channel | None) -> None:
         first = headers[0]
+        super().__init__(path, len(headers), first[:2], channel)
         for one in headers:
             if one[:3] != first[:3]:
                 text = f"{f'image {one.page + 1}: ' if one.page else ''}{one.columns} × {one.rows} px of {one.bits} "
                 text += f"bits, but the first of the film has {first.columns} × {first.rows} px of {first.bits} bits"
                 raise SourceError(one.path, text, hint=_ONE_FILM)
-        self._path, self._headers, self._channel = path, headers, channel
-        self._faults: dict[int, str] = {}
+        self._headers, self._faults = headers, dict[int, str]()
         cut = [i for i, one in enumerate(headers) if one.fault]
         self._warn(cut, "not whole")
         self._n_warned = len(cut)
         self._pages = _Pages(path) if headers[-1].page else None
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._headers[0][:2]
-
-    def __len__(self) -> int:
-        """Return the number of images."""
-        return len(self._headers)
 
     @cached_property
     def valid(self) -> Flags:
@@ -363,9 +382,9 @@ class ImageFiles:
         if fault := self.fault(index):
             raise SourceError(header.path, fault, hint="Use the frames marked in `.valid`.")
         image = self._decoded(header)
-        if image is None or image.shape[:2] != self.size:
+        if image is None or image.shape[:2] != self._size:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
-            raise SourceError(header.path, f"decodes to {found}, expected {self.size}", hint=_EXPORT)
+            raise SourceError(header.path, f"decodes to {found}, expected {self._size}", hint=_EXPORT)
         return one_intensity(image, ROUNDED * (header.kind == "JPEG"), header.path, "the image", self._channel)
 
     def _decoded(self, header: ImageHeader) -> NDArray[Any] | None:

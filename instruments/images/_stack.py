@@ -6,16 +6,12 @@ baked in by the exporting program, so intensities are not calibrated.
 
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from instruments._stored_film import StoredFrames
 from instruments.images import SUFFIXES, is_tiff
-from instruments.images._files import CHANNELS, Channel, ImageFiles, folder_images, read_headers
+from instruments.images._files import CHANNELS, Channel, ExportedFrames, ImageFiles, folder_images, read_headers
 from instruments.images._video import Video
-from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.text import first_bytes
 
@@ -28,7 +24,7 @@ def read(
     fps: float | None = None,
     exposure: float | None = None,
     channel: Channel | None = None,
-) -> "ExportedFrames":
+) -> ExportedFrames:
     """Open a folder of images, a multipage TIFF, or a video.
 
     Parameters
@@ -65,46 +61,17 @@ def read(
         raise InputError(f"{path}: the frame rate must be positive, found {fps}")
     if channel is not None and channel not in CHANNELS:
         raise InputError(f'{path}: channel must be "red", "green" or "blue", found "{channel}"')
-    pictures: ImageFiles | Video
+    film: ExportedFrames
     if path.is_dir():
-        pictures, numbers = folder_images(path, channel)
+        headers, numbers = folder_images(path)
+        film = ImageFiles(path, headers, channel)
     else:
         is_image = path.suffix.lower() in SUFFIXES or is_tiff(first_bytes(path, 8))
-        pictures = ImageFiles(path, read_headers(path), channel) if is_image else Video(path, channel)
-        numbers = np.arange(len(pictures), dtype=float)
-    film = ExportedFrames(pictures, (numbers - numbers[0]) / fps, exposure)
-    first = next((i for i in range(len(film)) if not pictures.fault(i)), None)
+        film = ImageFiles(path, read_headers(path), channel) if is_image else Video(path, channel)
+        numbers = np.arange(len(film), dtype=float)
+    film.time = (numbers - numbers[0]) / fps
+    film.exposure = None if exposure is None else np.full(len(film), exposure)
+    first = next((i for i in range(len(film)) if not film.fault(i)), None)
     if first is not None:
         film[first]  # an image in colour, or of an unknown compression, is refused before it is measured
     return film
-
-
-class ExportedFrames(StoredFrames):
-    """Frames of a decoder with times and exposures [s] (frame,); one is decoded when it is asked for."""
-
-    def __init__(self, pictures: ImageFiles | Video, time: Floats, exposure: float | None) -> None:
-        super().__init__(len(pictures), *pictures.size)
-        self._pictures, self.time = pictures, time
-        self.exposure = None if exposure is None else np.full(self._count, exposure)
-        # The image that was decoded last, shared by all views: parts of one image are mostly asked for in a row.
-        self._last: dict[int, NDArray[np.integer[Any]]] = {}
-
-    @property
-    def valid(self) -> Flags:
-        """False for images that are cut off, contradict their own checksums or cannot be decoded."""
-        return self._pictures.valid
-
-    @property
-    def levels(self) -> tuple[float, float]:
-        """Black and white level."""
-        return self._pictures.levels
-
-    def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
-        """Decode one frame; those of a video fastest in order."""
-        index = self._place(index)
-        image = self._last.get(index)
-        if image is None:
-            image = self._pictures.whole(index)
-            self._last.clear()
-            self._last[index] = image
-        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop].copy()

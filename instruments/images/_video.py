@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._files import ROUNDED, SMOOTHED, Channel, one_intensity
+from instruments.images._files import ROUNDED, SMOOTHED, Channel, ExportedFrames, one_intensity
 from labpipe.arrays import Flags
 from labpipe.errors import SourceError, SourceWarning, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
@@ -24,11 +24,13 @@ _EXPORT = "Export the film as TIFF or PNG images, or give the camera's own file.
 _BARE, _LOSSLESS = (b"\0\0\0\0", b"DIB ", b"RAW ", b"Y800", b"Y8  ", b"GREY"), ("FFV1", "HFYU", "FFVH", "MPNG")
 
 
-class Video:
+class Video(ExportedFrames):
     """Frames of a video file; every one that is counted was found."""
 
-    def __init__(self, path: Path, channel: Channel | None = None) -> None:
-        self._path, self._lock, self._channel = path, Lock(), channel
+    levels = 0.0, 255.0
+
+    def __init__(self, path: Path, channel: Channel | None) -> None:
+        self._lock = Lock()
         with path.open("rb") as stream:
             head = stream.read(1 << 16)
         at = head.find(b"strf")  # the format of the pixels
@@ -43,7 +45,6 @@ class Video:
             raise SourceError(path, "the video cannot be decoded, or holds no frame", hint=hint)
         if head[:4] == b"RIFF" and head[24:28] == b"avih":  # a decoder counts those that it finds
             declared = max(declared, int.from_bytes(head[48:52], "little"))
-        self.size, self.levels = (rows, columns), (0.0, 255.0)
         code = int(self._video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode("latin-1").strip("\0 ")
         is_lossy = code.upper() not in _LOSSLESS
         text = (
@@ -52,43 +53,29 @@ class Video:
         )
         text += f"; its compression ({code}) {SMOOTHED}" if is_lossy else ""
         warn_of(path.name, text, category=SmoothedFilmWarning if is_lossy else SourceWarning)
-        self._at, self._image = -1, np.empty((0, 0), np.uint8)
-        self._count = 0
-        while self._count < declared and self._video.grab():  # a container's count is only a claim
-            self._count += 1
-        self._video.set(cv2.CAP_PROP_POS_FRAMES, 0)
-        if not self._count:
+        count = 0
+        while count < declared and self._video.grab():  # a container's count is only a claim
+            count += 1
+        if not count:
             raise SourceError(path, "no frame of the video can be decoded", hint=_EXPORT)
-        self.valid: Flags = np.ones(self._count, dtype=bool)  # those that cannot be decoded are not counted
-        if self._count < declared:
-            text = f"{declared} frames are declared, {self._count} can be read: the copy may have broken off. "
+        super().__init__(path, count, (rows, columns), channel)
+        self._at = [count]  # the next frame of the decoder, which all views share
+        self.valid: Flags = np.ones(count, dtype=bool)  # those that cannot be decoded are not counted
+        if count < declared:
+            text = f"{declared} frames are declared, {count} can be read: the copy may have broken off. "
             warn_of(path.name, text + "Copy the film from the camera again", category=IncompleteFilmWarning)
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return self._count
-
-    def fault(self, index: int) -> str:
-        """Return "": frames that cannot be decoded are not counted."""
-        del index
-        return ""
 
     def whole(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame; in order it is fast."""
         with self._lock:  # a decoder has one place in its file, and films are read by several threads
-            if index != self._at:
-                self._decode(index)
-            image = self._image
-        return np.ascontiguousarray(one_intensity(image, ROUNDED, self._path, f"frame {index}", self._channel))
-
-    def _decode(self, index: int) -> None:
-        if not self._at < index <= self._at + _AHEAD:
-            self._video.set(cv2.CAP_PROP_POS_FRAMES, index)
-        else:
-            for _ in range(index - self._at - 1):
+            if not self._at[0] <= index <= self._at[0] + _AHEAD:
+                self._video.set(cv2.CAP_PROP_POS_FRAMES, index)
+                self._at[0] = index
+            for _ in range(index - self._at[0]):
                 self._video.grab()
-        is_read, image = self._video.read()
-        if not is_read or image.shape[:2] != self.size:
-            self._at = -1 - _AHEAD
-            raise SourceError(self._path, f"frame {index} cannot be decoded", hint=_EXPORT)
-        self._at, self._image = index, np.asarray(image, np.uint8)
+            is_read, image = self._video.read()
+            self._at[0] = index + 1 if is_read else self._count
+            if not is_read or image.shape[:2] != self._size:
+                raise SourceError(self._path, f"frame {index} cannot be decoded", hint=_EXPORT)
+        grey = one_intensity(np.asarray(image, np.uint8), ROUNDED, self._path, f"frame {index}", self._channel)
+        return np.ascontiguousarray(grey)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from instruments.keyence._acquisition import (
         Acquired as Acquired,
         Setup as Setup,
-        Trigger as Trigger,
         record as record,
         recover as recover,
     )
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     )
     from instruments.keyence._markers import Status as Status
     from instruments.keyence._storage import read as read
-    from instruments.keyence._writer import encode as encode, make_recording as make_recording, write as write
+    from instruments.keyence._writer import encode as encode, write as write
 else:
     __getattr__ = lazily(__name__)
 

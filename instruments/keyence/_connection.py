@@ -56,12 +56,32 @@ class Connection:
     def read(self) -> Reading:
         """Ask once; SourceError if the answer is late, broken off, an error of the controller, or no reading."""
         try:
-            answer = self._answer()
+            deadline, answer = time.monotonic() + self._timeout, b""
+            self._socket.settimeout(self._timeout)
+            self._socket.sendall(_REQUESTS[self._protocol])
+            while not (len(answer) >= _LK_BYTES if self._protocol == LK_G5000 else answer.endswith(b"\r\n")):
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    raise TimeoutError
+                self._socket.settimeout(left)
+                piece = self._socket.recv(1024)
+                if not piece or len(answer) > 1024:
+                    text = f"the connection was closed or flooded after {len(answer)} bytes of an answer"
+                    raise ConnectionError(text)
+                answer += piece
         except OSError as error:
             said = f"no complete answer within {self._timeout:g} s" if isinstance(error, TimeoutError) else str(error)
             raise SourceError(self.address, said) from None
-        counts = self._of_lk(answer) if self._protocol == LK_G5000 else self._of_en1(answer)
-        if counts is None:
+        counts: tuple[int, ...] = ()
+        name, *cells = answer.rstrip(b"\r\n").split(b",")
+        if self._protocol == LK_G5000 and len(answer) == _LK_BYTES:
+            every = _LK_VALUES.unpack_from(answer, _LK_OFFSET)
+            # the bytes before the values are not documented: an answer is recognised by values that fit a display
+            if 2 * sum(abs(n) <= LARGEST for n in every) >= len(every):
+                counts = tuple(every[n - 1] for n in self._outputs)
+        elif name == b"M0" and len(cells) >= max(self._outputs) and all(re.fullmatch(rb"[+-]\d{9}", c) for c in cells):
+            counts = tuple(int(cells[n - 1]) for n in self._outputs)
+        if not counts:
             hint = "Something else may answer at this port, or a sensor is missing; the manual lists error codes."
             raise SourceError(self.address, f"found the answer {answer[:24]!r}, which holds no readings", hint=hint)
         states = [
@@ -71,33 +91,3 @@ class Connection:
             for count in counts
         ]
         return Reading(counts, tuple(states))
-
-    def _answer(self) -> bytes:
-        deadline, data = time.monotonic() + self._timeout, b""
-        self._socket.settimeout(self._timeout)
-        self._socket.sendall(_REQUESTS[self._protocol])
-        while not (len(data) >= _LK_BYTES if self._protocol == LK_G5000 else data.endswith(b"\r\n")):
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise TimeoutError
-            self._socket.settimeout(left)
-            piece = self._socket.recv(1024)
-            if not piece or len(data) > 1024:
-                raise ConnectionError(f"the connection was closed or flooded after {len(data)} bytes of an answer")
-            data += piece
-        return data
-
-    def _of_lk(self, answer: bytes) -> tuple[int, ...] | None:
-        if len(answer) != _LK_BYTES:
-            return None
-        every = _LK_VALUES.unpack_from(answer, _LK_OFFSET)
-        # the bytes before the values are not documented: an answer is recognised by values that fit a display
-        if sum(abs(n) <= LARGEST for n in every) < len(every) // 2:
-            return None
-        return tuple(every[n - 1] for n in self._outputs)
-
-    def _of_en1(self, answer: bytes) -> tuple[int, ...] | None:
-        name, *cells = answer.rstrip(b"\r\n").split(b",")
-        if name != b"M0" or len(cells) < max(self._outputs) or not all(re.fullmatch(rb"[+-]\d{9}", c) for c in cells):
-            return None
-        return tuple(int(cells[n - 1]) for n in self._outputs)

@@ -11,27 +11,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from instruments._quantities import WORDS
 from instruments.keyence._markers import marker_status
 from labpipe.errors import UNSAID, InputError, SourceError
 from labpipe.text import shorten
 from labpipe.units import quantity, unit
 
-LABELS: Mapping[str, str] = {
-    "model": r"model|controller|modell|mod[èe]le|機種|型式|型号",
-    "serial": r"serial(?: (?:number|no\.?))?|s/n",
-    "head": r"(?:sensor )?head",
-    "date": r"date(?: and time)?|start(?: time)?|datum|日付|日時|日期",
-    "clock": r"time",
-    "cycle": r"sampling (?:cycle|period|interval|rate|frequency|time)|abtast(?:zyklus|periode|intervall|rate|zeit)|"
-    r"p[ée]riode d['’][ée]chantillonnage|fr[ée]quence d['’][ée]chantillonnage|サンプリング周期|采样周期|取样周期",
-    "storage": r"(?:storage|storing|save) (?:cycle|factor|interval)|speicher(?:zyklus|intervall|faktor)|"
-    r"ストレージ周期|蓄積周期|存储周期",
-    "units": r"units?|y_unit_label|einheit(?:en)?|unit[ée]s?|単位|单位",
-    "averaging": r"averag(?:e|ing)(?: (?:count|number|times))?|number of averages",
-    "rows": r"(?:number of )?(?:data|points|samples)(?: (?:count|points|number))?",
-}
-"""Patterns of the labels of header lines by their meaning, compared as a whole without case."""
-
+#: Patterns of the labels of header lines by their meaning, compared as a whole.
+_LABELS = {meaning: re.compile("|".join(words), re.IGNORECASE) for meaning, words in WORDS["laser"].items()}
 _COUNTER = re.compile(r"n[or°º]\.?|#|index|count(?:er)?|data no\.?|point|番号|序号", re.IGNORECASE)
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
 _LABEL = re.compile(r"(.*?)\s*(?:[\[(]([^\])]*)[\])](?:\s.*)?)?")  # a recorder may name the run behind the unit
@@ -233,7 +220,15 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
         if below := _units_below(path, lines[:start], names_at, delimiter, of_outputs):
             units = tuple(below[index] for index in of_outputs)
             time_unit = time_unit if times is None else below[times] or time_unit
-    entries = _entries(lines[:names_at] if names_at is not None else lines[:start], delimiter)
+    entries: dict[str, tuple[int, tuple[str, ...], str]] = {}
+    for number, line in enumerate(lines[: start if names_at is None else names_at], 1):
+        cells = split_cells(line, delimiter)
+        if len(cells) == 1:
+            cells = [part.strip() for part in re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)]
+        label = _LABEL.fullmatch(cells[0].lstrip("#%; ").rstrip(":= "))
+        for meaning, pattern in _LABELS.items():
+            if label and pattern.fullmatch(label[1]) and meaning not in entries:
+                entries[meaning] = (number, tuple(cells[1:]), label[2] or "")
     return Header(
         path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept), times, time_unit
     )
@@ -310,16 +305,3 @@ def _units_below(
             raise SourceError(path, text, line=index + 1, column=column, hint=hint)
         units = tuple(cells)
     return units
-
-
-def _entries(head: Sequence[str], delimiter: str) -> dict[str, tuple[int, tuple[str, ...], str]]:
-    entries: dict[str, tuple[int, tuple[str, ...], str]] = {}
-    for number, line in enumerate(head, 1):
-        cells = split_cells(line, delimiter)
-        if len(cells) == 1:
-            cells = [part.strip() for part in re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)]
-        label = _LABEL.fullmatch(cells[0].lstrip("#%; ").rstrip(":= "))
-        for meaning, pattern in LABELS.items():
-            if label and re.fullmatch(pattern, label[1], re.IGNORECASE) and meaning not in entries:
-                entries[meaning] = (number, tuple(cells[1:]), label[2] or "")
-    return entries

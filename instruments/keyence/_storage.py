@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 from instruments._clock import moment
 from instruments.keyence._header import CLOCK, Header, column_of, parse_header, split_cells
 from instruments.keyence._markers import NUMERIC_MARKER, Layout, Status, layout, marker_status
-from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.text import (
@@ -52,8 +51,9 @@ from labpipe.text import (
     survey,
 )
 from labpipe.units import Quantity, unit
-from labpipe.variables import variable
+from labpipe.variables import described, variable
 
+DEVICE = "Keyence laser displacement sensor"
 _CODECS = ("cp932", "cp1252", "gbk")  # tried in this order without a byte order mark where it is not UTF-8
 _HEADER_LINES = 400  # above the first row of readings; a header is a few dozen lines at most
 _SATURATION = 10.0  # V, the end of the controller's output; its alarm voltage is not documented
@@ -119,7 +119,8 @@ def read(
         if asked is not None or {"cycle", "storage"} <= header.entries.keys():
             sampling = header.settle_cycle(asked)
             stated = sampling * header.settle_storage(storage_factor, sampling, is_cycle_given=True)
-        return _with_times(source, header, unit_texts, stated, decimal, allow_incomplete)
+        how: dict[str, Any] = {"decimal": decimal, "allow_incomplete": allow_incomplete}
+        return _with_times(source, header, unit_texts[0], stated, **how)
     form, values, status = _read_rows(header, _rows(source, header, allow_incomplete), decimal)
     counter = values[:, 0].astype(np.int64) if header.has_counter else None
     _check_rows(header, len(values), counter, allow_incomplete)
@@ -129,17 +130,22 @@ def read(
     variables: dict[str, Any] = {}
     states: dict[str, dict[str, int]] = {}
     for column, (output, text) in enumerate(zip(header.outputs, unit_texts, strict=True), int(header.has_counter)):
-        readings, flags = values[:, column], status[:, column]
-        if unit(text).si == "V":
-            is_saturated = np.abs(readings * unit(text).factor) >= _SATURATION
+        readings, flags, known = values[:, column], status[:, column], unit(text)
+        if known.si == "V":
+            is_saturated = np.abs(readings * known.factor) >= _SATURATION
             readings = np.where(is_saturated, np.nan, readings)
             flags = np.where(is_saturated, np.int8(Status.SUSPECT), flags)
-        variables |= output_variables(output, text, readings, flags, form.layouts[column])
+        attrs: dict[str, Any] = described(known.si, f"OUT{output}", original_unit=text)
+        if (written := form.layouts[column]) is not None:
+            attrs |= {"decimals": written.decimals, "resolution": known.factor * 10.0**-written.decimals}
+        meaning = {"flag_values": [*map(int, Status)], "flag_meanings": " ".join(state.name for state in Status)}
+        variables[f"out{output}"] = ("time", readings * known.factor, attrs)
+        variables[f"status{output}"] = ("time", flags, described("1", f"state of OUT{output}", **meaning))
         states[f"status{output}"] = {Status(k).name: int(n) for k, n in enumerate(np.bincount(flags)) if n}
     averaging = header.count("averaging")
     date = header.text("date")
     start = moment(f"{date} {header.text('clock')}".strip()) or moment(date)  # None in a form that is ambiguous
-    attrs = {
+    facts = {
         "instrument": DEVICE,
         **{name: header.text(name) for name in ("model", "serial", "head") if name in header.entries},
         "source": source.path.name,
@@ -159,7 +165,7 @@ def read(
         "status_counts": json.dumps(states),
     }
     coords = {"time": variable("time", index * (sampling * factor), "s", "time from the first point")}
-    return xr.Dataset(variables, coords=coords, attrs=attrs)
+    return xr.Dataset(variables, coords=coords, attrs=facts)
 
 
 def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> tuple[TextFile, Header, tuple[str, ...]]:
@@ -175,14 +181,7 @@ def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> t
         raise
 
 
-def _with_times(
-    source: TextFile,
-    header: Header,
-    units: Sequence[str],
-    stated: float | None,
-    decimal: str | None,
-    allow_incomplete: bool,
-) -> xr.Dataset:
+def _with_times(source: TextFile, header: Header, unit_text: str, stated: float | None, **how: Any) -> xr.Dataset:
     """Read a table whose rows carry their times, as a recorder writes it: a trace of two named columns."""
     from instruments import tables
 
@@ -195,10 +194,10 @@ def _with_times(
         raise SourceError(source.path, text, line=header.n_lines + 1, hint=hint)
     columns = {
         "time": {"column": place + 1, "unit": header.time_unit},
-        "displacement": {"column": header.kept[-1] + 1, "unit": units[0]},
+        "displacement": {"column": header.kept[-1] + 1, "unit": unit_text},
     }
     cycle = None if stated is None else Quantity(stated, 0.0, "s")
-    return tables.read(source.path, columns=columns, cycle=cycle, decimal=decimal, allow_incomplete=allow_incomplete)
+    return tables.read(source.path, columns=columns, cycle=cycle, **how)
 
 
 def _rows(source: TextFile, header: Header, allow_incomplete: bool) -> Iterator[str]:
@@ -244,22 +243,11 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
     SourceError with line and column of a cell that is neither number nor marker, of a row with another number of
     cells, of a number that does not have the layout of its column.
     """
-    stream = iter(lines)
+    stream, delimiter, first = iter(lines), header.delimiter, int(header.has_counter)
     sample = list(islice(stream, _SAMPLE))
-    form = _form(header, sample, decimal)
-    stream, number = chain(sample, stream), header.n_lines + 1
-    parts = [(np.empty((0, form.n_columns)), np.empty((0, form.n_columns), np.int8))]
-    while batch := list(islice(stream, _BATCH)):
-        parts.append(_read_batch(header, form, batch, number))
-        number += len(batch)
-    return form, np.concatenate([values for values, _ in parts]), np.concatenate([states for _, states in parts])
-
-
-def _form(header: Header, sample: Sequence[str], decimal: str | None) -> _Form:
-    rows = [split_cells(line, header.delimiter) for line in sample]
-    first = int(header.has_counter)
+    rows = [split_cells(line, delimiter) for line in sample]
     signs = DOT if decimal is None else Separators(decimal, "")
-    if decimal is None and header.delimiter != ",":
+    if decimal is None and delimiter != ",":
         try:
             signs = separators([cell for row in rows for cell in row[first:] if marker_status(cell) is None])
         except InputError as error:
@@ -273,23 +261,24 @@ def _form(header: Header, sample: Sequence[str], decimal: str | None) -> _Form:
         is_one = counted and others <= max(1, counted[0][1] // 20) and counted[0][1] > others
         layouts.append(counted[0][0] if is_one else None)
     padded = [any(cell.lstrip("+-")[:1] == "0" and cell.lstrip("+-")[1:2].isdigit() for cell in c) for c in columns]
-    return _Form(n_columns, signs, tuple(layouts), all(layouts[first:]) and all(padded[first:]))
-
-
-def _read_batch(header: Header, form: _Form, lines: list[str], first_line: int) -> tuple[Floats, NDArray[np.int8]]:
-    delimiter = header.delimiter
-    if '"' in lines[0]:
-        lines = [line.replace('"', "") for line in lines]
-    # rows of fixed numbers are equally long, apart from the digits of the counter
-    lengths = {len(line) - (line.find(delimiter) if header.has_counter else 0) for line in lines}
-    if (not form.is_fixed or len(lengths) == 1) and not NUMERIC_MARKER.search("\n".join(lines)):
-        with contextlib.suppress(SourceError):
-            values = parse_rows(
-                lines, form.n_columns, delimiter, path=header.path, first_line=first_line, signs=form.signs
-            )
-            return values, np.zeros(values.shape, dtype=np.int8)
-    rows = [_read_row(header, form, line, number) for number, line in enumerate(lines, first_line)]
-    return np.array([values for values, _ in rows], float), np.array([states for _, states in rows], np.int8)
+    form = _Form(n_columns, signs, tuple(layouts), all(layouts[first:]) and all(padded[first:]))
+    stream, number = chain(sample, stream), header.n_lines + 1
+    parts = [(np.empty((0, n_columns)), np.empty((0, n_columns), np.int8))]
+    while batch := list(islice(stream, _BATCH)):
+        if '"' in batch[0]:
+            batch = [line.replace('"', "") for line in batch]
+        # rows of fixed numbers are equally long, apart from the digits of the counter
+        lengths = {len(line) - (line.find(delimiter) if header.has_counter else 0) for line in batch}
+        values = None
+        if (not form.is_fixed or len(lengths) == 1) and not NUMERIC_MARKER.search("\n".join(batch)):
+            with contextlib.suppress(SourceError):
+                values = parse_rows(batch, n_columns, delimiter, path=header.path, first_line=number, signs=signs)
+                parts.append((values, np.zeros(values.shape, dtype=np.int8)))
+        if values is None:
+            cells = [_read_row(header, form, line, at) for at, line in enumerate(batch, number)]
+            parts.append((np.array([one for one, _ in cells], float), np.array([two for _, two in cells], np.int8)))
+        number += len(batch)
+    return form, np.concatenate([values for values, _ in parts]), np.concatenate([states for _, states in parts])
 
 
 def _read_row(header: Header, form: _Form, line: str, number: int) -> tuple[list[float], list[int]]:

@@ -103,7 +103,7 @@ class Block:
     """One block of a file, as written.
 
     ``function`` is its tag without brackets; ``info_lines`` and ``parameter_lines`` are those of the header and of the
-    function, unchanged, ``info`` and ``parameters`` what they hold; ``columns`` are empty without a data section;
+    function, unchanged, ``parameters`` what the latter hold; ``columns`` are empty without a data section;
     ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before each divider;
     ``has_data`` if there is a data section, ``is_complete`` if it is ended.
     """
@@ -111,13 +111,17 @@ class Block:
     function: str
     info_lines: tuple[str, ...]
     parameter_lines: tuple[str, ...]
-    info: tuple[tuple[str, str], ...]
     parameters: tuple[Parameter, ...]
     columns: tuple[Column, ...]
     values: Floats
     dividers: tuple[int, ...] = ()
     has_data: bool = True
     is_complete: bool = True
+
+    @property
+    def info(self) -> dict[str, str]:
+        """Keys and values of the header."""
+        return dict(filter(None, map(pair_of, self.info_lines)))
 
 
 class Cursor:
@@ -250,7 +254,6 @@ def _read_info(cursor: Cursor) -> tuple[str, ...]:
 
 
 def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> Block:
-    info = tuple(pair for pair in map(pair_of, info_lines) if pair)
     cursor.advance()
     lines: list[str] = []
     parameters: list[Parameter] = []
@@ -271,7 +274,7 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> B
             message = f"found the unit {shorten(unit_text)}, expected one of {expected}"
             raise cursor.error(message, column=len(name) + 3)
         parameters.append(parameter_of(key, text, value))
-    block = Block(function, info_lines, tuple(lines), info, tuple(parameters), (), np.empty((0, 0)), has_data=False)
+    block = Block(function, info_lines, tuple(lines), tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block)
     if cursor.line is None and (function not in SILENT or cursor.cut is not None):
@@ -320,7 +323,23 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
         cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}")
     cursor.advance()
     values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
-    _check_time(cursor, values, starts)
+    # rows that repeat, go back, or are missing: time must be a grid from zero
+    time = values[:, 0] if len(values) else np.zeros(1)
+    steps = np.diff(time)
+    wrong, fault = np.flatnonzero(steps <= 0), "the time does not go on"
+    if not wrong.size:
+        interval = float(np.median(steps)) if steps.size else 0.0
+        wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
+        fault = f"rows are missing or added: the step is not {interval:.6f} s"
+        if not wrong.size and abs(time[0]) > interval / 2:
+            wrong, fault = np.array([-1]), "the first rows are missing: time must start at zero"
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        before, line_number = max(start for start in starts if start[0] <= row)
+        found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
+        hint = "The file was joined, repaired or edited: copy it from the instrument again."
+        at = line_number + row - before
+        raise SourceError(cursor.source.path, f"{fault} ({found})", line=at, column=1, hint=hint)
     return replace(
         block, columns=columns, values=values, dividers=tuple(dividers), has_data=True, is_complete=is_complete
     )
@@ -358,26 +377,3 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
         warn_of(cursor.source.path, text, line=cursor.number)
     cursor.advance()
     return tuple(columns)
-
-
-def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]]) -> None:
-    """Refuse rows that repeat, go back, or are missing: time must be a grid from zero."""
-    if not len(values):
-        return
-    time = values[:, 0]
-    steps = np.diff(time)
-    wrong = np.flatnonzero(steps <= 0)
-    fault = "the time does not go on"
-    if not wrong.size:
-        interval = float(np.median(steps)) if steps.size else 0.0
-        wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
-        fault = f"rows are missing or added: the step is not {interval:.6f} s"
-        if not wrong.size and abs(time[0]) > interval / 2:
-            wrong, fault = np.array([-1]), "the first rows are missing: time must start at zero"
-    if not wrong.size:
-        return
-    row = int(wrong[0]) + 1
-    before, line = max(start for start in starts if start[0] <= row)
-    found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
-    hint = "The file was joined, repaired or edited: copy it from the instrument again."
-    raise SourceError(cursor.source.path, f"{fault} ({found})", line=line + row - before, column=1, hint=hint)

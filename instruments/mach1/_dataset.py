@@ -172,8 +172,7 @@ def _block_variables(blocks: Sequence[Block], described_blocks: Sequence[Mapping
 
 def start_of(block: Block) -> str:
     """Return the ISO start of a block, or "" when the header's date is not in the known form."""
-    info = dict(block.info)
-    date, clock = info.get("Date", ""), info.get("Time", "")
+    date, clock = block.info.get("Date", ""), block.info.get("Time", "")
     named = _DATE.fullmatch(date)
     if named and named[1].title() in MONTHS:
         date = f"{named[3]}-{MONTHS.index(named[1].title()) + 1:02d}-{int(named[2]):02d}"
@@ -183,8 +182,18 @@ def start_of(block: Block) -> str:
 
 def _describe(block: Block) -> dict[str, Any]:
     """Put the whole description of a block into plain JSON types; NaN is None."""
-    info = dict(block.info)
+    info = block.info
     time = block.values[:, 0] if block.columns else np.empty(0)
+    low_pass: dict[str, float | int] | None = None  # order and cutoff [Hz], where the header declares them
+    if info.get("Load Cell Low-pass filter") == "Yes":
+        order = info.get("Load Cell Low-pass filter Order", "")
+        cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(",", ".")
+        if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
+            low_pass = {"order": int(order), "cutoff": float(cutoff)}
+        else:
+            stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
+            text = f"the header declares a low-pass filter {stated}; the readings cannot be corrected for it"
+            warnings.warn(text, UserWarning, stacklevel=2)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
     return {
         "function": block.function,
@@ -204,26 +213,12 @@ def _describe(block: Block) -> dict[str, Any]:
         "dividers": block.dividers,
         "sampling_interval": float((time[-1] - time[0]) / (len(time) - 1)) if len(time) > 1 else None,
         "load_cell": {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys},
-        "filter": _filter(info),
+        "filter": low_pass,
         "images_folder": info.get("Captured Images Folder"),
         "compression_sign": COMPRESSION_SIGN.get(info.get("Load Cell Type", ""), 0),
         "has_data": block.has_data,
         "incomplete": not block.is_complete,
     }
-
-
-def _filter(info: Mapping[str, str]) -> dict[str, float | int] | None:
-    """Order and cutoff [Hz] of the low-pass, or None when the header declares none."""
-    if info.get("Load Cell Low-pass filter") != "Yes":
-        return None
-    order = info.get("Load Cell Low-pass filter Order", "")
-    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(",", ".")
-    if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
-        return {"order": int(order), "cutoff": float(cutoff)}
-    stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
-    text = f"the header declares a low-pass filter {stated}; the readings cannot be corrected for it"
-    warnings.warn(text, UserWarning, stacklevel=2)
-    return None
 
 
 def encode(dataset: xr.Dataset) -> bytes:

@@ -87,7 +87,6 @@ def make_block(
         function,
         tuple(f"{key}:\t{value}" for key, value in info),
         tuple(f"{key}:\t{value}" for key, value in parameters.items()),
-        tuple(info),
         tuple(declared),
         tuple(known),
         np.column_stack(values),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from instruments._stored_film import PACKED_GROUPS, MappedFrames, unpacked
 from instruments.phantom._header import Header, read_header
-from instruments.phantom._times import TimeAxis, exposure_times, longest_order, time_axis
+from instruments.phantom._times import SHARE, UNIT, TimeAxis, longest_order, time_axis
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
@@ -97,8 +97,12 @@ class CineFrames(MappedFrames[Header]):
 
     @cached_property
     def exposure(self) -> Floats | None:
-        """Exposure of every frame in s, NaN where the file's value is impossible; or None."""
-        return exposure_times(self.header, self.time_axis)
+        """Exposure of every frame in s, NaN where the file's value is longer than a frame lasts; or None."""
+        stated, shutter, interval = self.header.exposures, self.header.shutter, self.time_axis.interval
+        if stated is None:
+            return None if shutter is None else np.full(self._count, shutter)
+        exposure = np.asarray(stated * UNIT, np.float64)
+        return np.where((self._count > 1) & (exposure > interval * (1 + SHARE)), np.nan, exposure)
 
     @cached_property
     def levels(self) -> tuple[float, float]:

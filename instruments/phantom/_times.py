@@ -8,35 +8,27 @@ camera that records in bursts pauses between them: stamps that go on after a pau
 """
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from instruments.phantom._header import Header
-from labpipe.arrays import Flags, Floats, Integers
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 
-_UNIT = 2.0**-32  # s, the unit of stamps and exposures
+UNIT = 2.0**-32  # s, the unit of stamps and exposures
 _TOLERANCE = 2e-6  # s; some cameras round their stamps to 1 µs
-_SHARE = 0.05  # of the median interval, the tolerance for slow films
+SHARE = 0.05  # of the median interval, the tolerance for slow films
 _CLOCK_LIMIT = 30 * 86400.0  # s; a recording further from its trigger has an unset clock
 _PAUSE = 1.0  # s; a longer step between frames is a pause of the recording, not a dropped frame
 _LONE = 10  # lengths of the film; a single frame that far from all others has a corrupt stamp
 
 
-@dataclass(frozen=True, slots=True)
-class TimeAxis:
-    """Times of the frames and the doubts about them.
-
-    ``time`` (frame,) [s]: time since the trigger; ``interval`` [s]: median time between frames; ``is_replaced``
-    (frame,): the stamp was impossible, and the time continues the median interval; ``missing_before`` (frame,): how
-    many frames were dropped before each; ``warnings``: sentences for the user.
-    """
+class TimeAxis(NamedTuple):
+    """Times of the frames since the trigger [s], median time between frames [s], and sentences for the user."""
 
     time: Floats
     interval: float
-    is_replaced: Flags
-    missing_before: Integers
     warnings: tuple[str, ...] = ()
 
 
@@ -46,61 +38,46 @@ def time_axis(header: Header) -> TimeAxis:
     InputError where there are no time stamps to be used, and no frame rate either.
     """
     number = header.first_image + np.arange(header.count, dtype=np.int64)
-    none, no = np.zeros(header.count, np.int64), np.zeros(header.count, bool)
     # modular subtraction of unsigned counts, read as signed: exact for any pair of stamps
     stamps = number.astype(np.uint64) if header.stamps is None else header.stamps
     ticks = (stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
-    interval, stated = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * _UNIT, _stated_interval(header)
-    if header.stamps is not None and header.count == 1 and abs(ticks[0] * _UNIT) <= _CLOCK_LIMIT:
-        return TimeAxis(np.asarray(ticks * _UNIT, np.float64), stated or 0.0, no, none)
+    interval = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * UNIT
+    rate, decimation = header.frame_rate, header.decimation or 1.0
+    stated = decimation / rate if rate and 1.0 <= decimation < np.inf else None  # by the header, where it can be true
+    if header.stamps is not None and header.count == 1 and abs(ticks[0] * UNIT) <= _CLOCK_LIMIT:
+        return TimeAxis(np.asarray(ticks * UNIT, np.float64), stated or 0.0)
     if header.stamps is None or interval <= 0:
         if stated is None:
             text = f"the frame rate is {header.frame_rate} with a decimation of {header.decimation}"
             raise InputError(f"no frame has a time: there are no usable time stamps, and {text}")
         said = "the film has no time stamps: times follow the stated frame rate"
-        return TimeAxis(np.asarray(number * stated, np.float64), stated, no, none, (said,))
-    bad, found = _impossible(ticks, interval), []
-    time: Floats = (ticks * _UNIT).astype(np.float64)
-    good = np.flatnonzero(~bad)
+        return TimeAxis(np.asarray(number * stated, np.float64), stated, (said,))
+    time: Floats = (ticks * UNIT).astype(np.float64)
+    # impossible is a stamp outside the longest order, and a first or last one farther away than any pause
+    good = np.flatnonzero(longest_order(time + np.arange(ticks.size) * max(_TOLERANCE, SHARE * interval)))
+    for inner, end in ((slice(1, None), 0), (slice(None, -1), -1)):
+        if good.size > 2 and np.diff(time[good])[end] > max(_PAUSE, _LONE * float(np.ptp(time[good[inner]]))):
+            good = good[inner]
+    bad, found = ~np.isin(np.arange(ticks.size), good), list[str]()
     if n := np.count_nonzero(bad):
         stamps_are, go_on = ("stamp is", "its time continues") if n == 1 else ("stamps are", "their times continue")
         found.append(f"{n} time {stamps_are} impossible (first at frame {np.argmax(bad)}); {go_on} the median interval")
     if abs(time[good[0]]) > _CLOCK_LIMIT:
         # keep the spacing of the stamps, give up their origin
-        time = (ticks - ticks[good[0]]) * _UNIT + number[good[0]] * interval
+        time = (ticks - ticks[good[0]]) * UNIT + number[good[0]] * interval
         found.append("the camera's clock was not set: time 0 is the frame numbered 0")
     nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
     time = np.where(bad, time[nearest] + (np.arange(header.count) - nearest) * interval, time)
     step = np.diff(time)
-    late = step > interval + max(_TOLERANCE, _SHARE * interval)
-    none[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
     pauses = np.flatnonzero(step > _PAUSE + interval) + 1
     if pauses.size:
         times = f"{pauses.size} time{'s' * (pauses.size != 1)} (first before frame {pauses[0]})"
         found.append(f"the recording pauses {times}, the longest for {step[pauses - 1].max():.4g} s")
-    if dropped := int(np.delete(none, pauses).sum()):
+    late = step[(step > interval + max(_TOLERANCE, SHARE * interval)) & (step <= _PAUSE + interval)]
+    if dropped := int(np.maximum(np.rint(late / interval) - 1, 0).sum()):
         verb = "frame was" if dropped == 1 else "frames were"
         found.append(f"{dropped} {verb} dropped by the camera, or it recorded in bursts")
-    return TimeAxis(time, interval, bad, none, tuple(found))
-
-
-def _stated_interval(header: Header) -> float | None:
-    """Return the time between frames by the header in s, None where it cannot be true."""
-    rate, decimation = header.frame_rate, header.decimation or 1.0
-    return decimation / rate if rate and 1.0 <= decimation < np.inf else None
-
-
-def _impossible(ticks: Integers, interval: float) -> Flags:
-    """Mark the stamps outside the longest order, and a first or last one farther away than any pause of a recording."""
-    seconds = np.asarray(ticks * _UNIT, np.float64)
-    good = np.flatnonzero(longest_order(seconds + np.arange(ticks.size) * max(_TOLERANCE, _SHARE * interval)))
-    for inner, end in ((slice(1, None), 0), (slice(None, -1), -1)):
-        steps = np.diff(seconds[good])
-        if good.size > 2 and steps[end] > max(_PAUSE, _LONE * float(np.ptp(seconds[good[inner]]))):
-            good = good[inner]
-    bad = np.ones(ticks.size, dtype=bool)
-    bad[good] = False
-    return bad
+    return TimeAxis(time, interval, tuple(found))
 
 
 def longest_order(values: Floats) -> Flags:
@@ -120,14 +97,3 @@ def longest_order(values: Floats) -> Flags:
         chosen[i] = True
         i = int(before[i])
     return chosen
-
-
-def exposure_times(header: Header, axis: TimeAxis) -> Floats | None:
-    """Return the exposure of every frame in s; NaN where it is longer than a frame lasts."""
-    if header.exposures is None:
-        shutter = header.shutter
-        return None if shutter is None else np.full(header.count, shutter)
-    exposure = np.asarray(header.exposures * _UNIT, np.float64)
-    if header.count > 1:
-        exposure = np.where(exposure > axis.interval * (1 + _SHARE), np.nan, exposure)
-    return exposure

@@ -117,7 +117,12 @@ def _header(path: Path) -> Header:
         data = path.read_bytes() if path.stat().st_size <= _LARGEST_HEADER else b""
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
-    values = _of_xml(path, data) if b"<cih>" in data else _of_text(data)
+    if b"<cih>" in data:
+        values = _of_xml(path, data)
+    else:  # a .cih ends at the first empty line
+        lines = takewhile(str.strip, data.decode("utf-8", "replace").lstrip("\ufeff").splitlines())
+        parts = [line.partition(":") for line in lines if ":" in line]
+        values = {key.strip().lower(): value.strip() for key, _, value in reversed(parts)}
     hint = "Save the film again from PFV, as MRAW with its header, or export it as TIFF."
 
     def word(name: str) -> str:
@@ -151,13 +156,6 @@ def _header(path: Path) -> Header:
     trigger = int(day.replace(tzinfo=UTC).timestamp()) << 32 if day else 0
     exposure = _exposure(word("shutter_ns"), word("shutter"), rate)
     return Header(count, start, height, width, bits, rate, exposure, white, trigger)
-
-
-def _of_text(data: bytes) -> dict[str, str]:
-    """Return the entries of a .cih, which ends at the first empty line."""
-    lines = takewhile(str.strip, data.decode("utf-8", "replace").lstrip("\ufeff").splitlines())
-    parts = [line.partition(":") for line in lines if ":" in line]
-    return {key.strip().lower(): value.strip() for key, _, value in reversed(parts)}
 
 
 def _of_xml(path: Path, data: bytes) -> dict[str, str]:

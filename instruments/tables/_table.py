@@ -11,10 +11,10 @@ import xarray as xr
 
 from instruments._headings import stated_in_title
 from instruments._intervals import Interval, assemble
-from instruments._layout import COMMA, Block, Lines, blocks
-from instruments._mapping import Chosen, Columns, chosen, line_to_copy, located, suggestion, time_step
+from instruments._layout import COMMA, Block, Lines, blocks, signs_of
+from instruments._mapping import Columns, chosen, line_to_copy, located, suggestion, time_step
 from instruments._moduli import missing
-from instruments._quantities import SHIFTS, signs_of
+from instruments._quantities import SHIFTS
 from instruments._readings import intervals
 from instruments._sheets import Notes, open_sheets
 from instruments.tables._traces import trace
@@ -92,13 +92,21 @@ def read(
     decimal = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated if word), None)
     tables = _blocks(path, found) if named is None else []
     if named is not None:
-        block, own = _located(path, found, named)
-        tables = [block]
+        faults: list[SourceError] = []
+        for _, own in found:  # the first sheet that has them
+            try:
+                tables = [block := located(path, own, named)]
+                break
+            except SourceError as error:
+                faults.append(error)
+        else:
+            raise next(
+                (each for each in faults if each.line), (*faults, SourceError(path, "the file holds no line"))[0]
+            )
         if {each.name for each in named} & {"displacement", "force"}:
             if open_line == block.rows[-1][0]:
                 notes.add("the last line has no line end; if the file was cut, its last number is wrong", open_line)
-            cells = [cell for _, row in block.rows for cell in row]
-            signs = DOT if block.separator == COMMA else signs_of(path, cells, decimal)
+            signs = DOT if block.separator == COMMA else signs_of(path, [block], decimal)
             made = trace(notes, block, signs, cycle, time_step(own, block.line))
             return made.assign_attrs(source=path.name, encoding=opened.encoding, decimal=signs.decimal)
     return _sweeps(notes, tables, decimal, open_line, opened.encoding)
@@ -120,17 +128,6 @@ def _blocks(path: Path, found: Sequence[tuple[str, Lines]]) -> list[Block]:
         hint = f"Name the columns in a first line, or say which they are: {hint}"
         raise SourceError(path, f"{text}, or temperature and log_aT", line=line, hint=hint)
     return whole
-
-
-def _located(path: Path, found: Sequence[tuple[str, Lines]], named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
-    """Find the named columns in the first sheet that has them; return its lines too."""
-    first: SourceError | None = None
-    for _, lines in found:
-        try:
-            return located(path, lines, named), lines
-        except SourceError as error:
-            first = first if first is not None and (first.line or error.line is None) else error
-    raise first or SourceError(path, "the file holds no line")
 
 
 def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: int, encoding: str) -> xr.Dataset:
@@ -161,14 +158,7 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
         if text:
             title = f' "{block.title or block.sheet}"' if block.title or block.sheet else ""
             notes.add(f"the table{title} is left out: it has no {text}", block.line)
-    evidence = [
-        cell
-        for block in tables
-        for _, row in block.rows
-        for heading, cell in zip(block.headings, row, strict=False)
-        if heading.is_known and heading.name != "point"
-    ]
-    signs = signs_of(path, evidence, decimal)
+    signs = signs_of(path, tables, decimal)
     made: list[Interval] = []
     for block in whole:
         made += intervals(notes, block, signs, len(made) + 1)

@@ -19,7 +19,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, SourceError
 from labpipe.text import Separators
 from labpipe.units import Measure, si as in_si
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 
 DEVICE = "table of named columns"
 _OF_TESTER = {"time": "Time, s", "position": "Position (z), mm", "force": "Fz, N"}
@@ -57,30 +57,26 @@ def trace(notes: Notes, block: Block, signs: Separators, cycle: Measure | None, 
             text = f"{said} {interval:.6g} s, and the cycle is stated as {stated:g} s"
             raise SourceError(notes.path, text, line=lines[0], hint="Correct the cycle, or leave it out.")
         heading, resolution = block.headings[names.index("displacement")], last_decimal("displacement", min)
-        how = {"original_unit": heading.unit, "resolution": resolution}
-        attrs = described(unit_of(heading.unit).si, heading.text, **how)
-        made = _displacement(notes, columns["displacement"], attrs, interval or stated, lines[0])
+        if (interval := interval or stated) is None:
+            text, hint = "no column of times is named", 'Name it (time = "Time (s)"), or give the cycle: cycle="50 us".'
+            raise SourceError(notes.path, text, line=lines[0], hint=hint).because(UNSAID)
+        values, how = columns["displacement"], {"original_unit": heading.unit, "resolution": resolution}
+        status = np.where(np.isfinite(values), 0, _INVALID).astype(np.int8)
+        lost = int(np.count_nonzero(status))
+        counts = {"VALID": status.size - lost} | ({"INVALID": lost} if lost else {})
+        facts: dict[str, Any] = {"sampling_cycle": interval, "storage_factor": 1, "sampling_interval": interval}
+        facts |= {"start": "", "status_counts": json.dumps({"status1": counts})}
+        variables = {
+            "out1": variable("time", values, unit_of(heading.unit).si, heading.text, **how),
+            "status1": variable("time", status, "1", f"0 where {heading.text} is valid"),
+        }
+        time = variable("time", np.arange(status.size) * interval, "s", "time from the first point")
+        made = xr.Dataset(variables, coords={"time": time}, attrs=facts)
     else:
         made = _force(notes, columns, lines)
     work = {"bytes_read": notes.path.stat().st_size, "rows_read": len(lines)}
     clock = "times of the rows" if "time" in columns else "none: a counter of rows"
     return made.assign_attrs(instrument=DEVICE, layout="named columns", clock=clock, work=json.dumps(work))
-
-
-def _displacement(notes: Notes, values: Floats, attrs: dict[str, Any], interval: float | None, line: int) -> xr.Dataset:
-    """Make the Dataset of a displacement sensor: ``out1`` and ``status1`` over an even ``time``."""
-    if interval is None:
-        text, hint = "no column of times is named", 'Name it (time = "Time (s)"), or give the cycle: cycle="50 us".'
-        raise SourceError(notes.path, text, line=line, hint=hint).because(UNSAID)
-    status = np.where(np.isfinite(values), 0, _INVALID).astype(np.int8)
-    lost = int(np.count_nonzero(status))
-    flags = described("1", f"0 where {attrs['long_name']} is valid")
-    time = variable("time", np.arange(status.size) * interval, "s", "time from the first point")
-    counts = {"VALID": status.size - lost} | ({"INVALID": lost} if lost else {})
-    facts: dict[str, Any] = {"sampling_cycle": interval, "storage_factor": 1, "sampling_interval": interval}
-    facts |= {"start": "", "status_counts": json.dumps({"status1": counts})}
-    variables = {"out1": ("time", values, attrs), "status1": ("time", status, flags)}
-    return xr.Dataset(variables, coords={"time": time}, attrs=facts)
 
 
 def _force(notes: Notes, columns: dict[str, Floats], lines: list[int]) -> xr.Dataset:
@@ -101,6 +97,6 @@ def _force(notes: Notes, columns: dict[str, Floats], lines: list[int]) -> xr.Dat
     named = dict(zip(_OF_TESTER.values(), table.T, strict=True))
     made = mach1.make_block("Named columns", datetime(1970, 1, 1), named, {})
     in_file = table / [column.unit.factor for column in made.columns]  # not on the steps of a load cell
-    dataset = mach1.assemble([replace(made, values=in_file, info=(), info_lines=())])
+    dataset = mach1.assemble([replace(made, values=in_file, info_lines=())])
     dataset["compression_sign"] = dataset["compression_sign"].copy(data=[1])
     return dataset.assign_attrs(compression_sign=1)

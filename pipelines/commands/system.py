@@ -268,9 +268,7 @@ def acquire() -> None:
 @click.option("--decimals", type=int, multiple=True, required=True, help="Decimals of the display, for every output.")
 @click.option("--unit", "units", multiple=True, default=("mm",), help="Unit on the display, for every output.")
 @value_option("--interval", "s", "Time between two readings.", default="10 ms")
-@value_option("--duration", "s", "From the start, or from the trigger.", required=True)
-@click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
-@value_option("--before", "s", "Duration kept before the trigger.", default="100 ms")
+@value_option("--duration", "s", "Of the recording.", required=True)
 @value_option("--patience", "s", "Longest wait for an answer of the controller.", default="10 s")
 @json_option
 def keyence(file: Path, **given: Any) -> None:
@@ -282,8 +280,7 @@ def keyence(file: Path, **given: Any) -> None:
 
     \b
     Example:
-      labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s" \
-        --trigger "out1 < -0.5 mm" --interval "1 ms"
+      labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s"
     """
     from instruments import keyence as laser
 
@@ -298,8 +295,6 @@ def keyence(file: Path, **given: Any) -> None:
         laser.Setup(outputs, decimals, units, interval),
         lambda: laser.Connection(given["protocol"], given["host"], port, outputs, wait),
         given["duration"],
-        laser.Trigger.of(given["trigger"]) if given["trigger"] else None,
-        before=given["before"],
         patience=patience,
     )
     _show(members(done, *(each.name for each in fields(done) if not each.name.startswith("_"))))

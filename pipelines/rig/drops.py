@@ -99,8 +99,7 @@ def write_recordings(
     for repeat, (readings, truth) in enumerate(recorded):
         name = f"{place}/{stem}_{repeat + 1}.csv"
         begun = start + timedelta(minutes=2 * repeat)
-        recording = keyence.make_recording({1: readings}, cycle=rig.sensor.cycle, start=begun, decimals=decimals)
-        keyence.write(folder / name, recording)
+        keyence.write(folder / name, {1: readings}, cycle=rig.sensor.cycle, start=begun, decimals=decimals)
         write_truth(folder, f"{stem}_{repeat + 1}", truth)
         names.append(name)
     return names

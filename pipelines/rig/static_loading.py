@@ -74,9 +74,8 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     for begin in begins[1:]:
         errors[np.searchsorted(time, begin)] += generator.normal(0.0, rig.touched)
     readings = rig.sensor.readings(drift - approach, errors)
-    recording = keyence.make_recording({1: readings}, cycle=rig.cycle, start=start, decimals=4)
     file = f"laser/{name}.csv"
-    keyence.write(folder / file, recording)
+    keyence.write(folder / file, {1: readings}, cycle=rig.cycle, start=start)
     truth = {
         "solid": truth_of_solid(solid_of(material)),
         "zero": rig.sensor.zero,

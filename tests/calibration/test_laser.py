@@ -13,6 +13,7 @@ from calibration.record import KINDS, LaserValues, LoadCellValues
 from instruments import keyence
 from labpipe.errors import CalibrationError, InputError
 from labpipe.units import Quantity, quantity
+from tests.faults import seeds
 
 DAY = datetime(2024, 5, 14)
 COMMON = {
@@ -48,12 +49,12 @@ def shown_by_sensor(moved, known, zero=2.5e-3, direction=1):
 
 def readings_of(moved, noise, known, zero=2.5e-3, direction=1, **options):
     shown = shown_by_sensor(moved, known, zero, direction) + noise
-    return keyence.make_recording({1: shown}, cycle="50 us", start=DAY, **options)
+    return seeds.keyence_readings(shown, DAY, **options)
 
 
 def test_displacement_is_the_reading_over_the_cosine():
     known = record("60 ± 0.1 deg", "1 ± 0.0001")
-    made = keyence.make_recording({1: np.array([0.0, 1e-3])}, cycle="50 us", start=DAY)
+    made = seeds.keyence_readings(np.array([0.0, 1e-3]), DAY)
     result = laser.displacement(made, known, zero=0.0)
     np.testing.assert_allclose(result.displacement.values, [0, 2e-3], rtol=1e-12)
     np.testing.assert_allclose(result.displacement_raw.values, [0, 1e-3], rtol=1e-12)
@@ -65,7 +66,7 @@ def test_calibrating_what_the_sensor_shows_gives_the_motion_back(angle, gain, di
     known = record(f"{angle:.6f} ± 0.01 deg", f"{gain:.6f} ± 0.001")
     moved = np.random.default_rng(seed).normal(0, 2e-3, 30)
     shown = shown_by_sensor(moved, known, zero, direction)
-    made = keyence.make_recording({1: shown}, cycle="50 us", start=DAY, decimals=4)
+    made = seeds.keyence_readings(shown, DAY)
     made["out1"] = made.out1.copy(data=shown)  # without the rounding of the display
     result = laser.displacement(made, known, zero=zero, direction=direction)
     np.testing.assert_allclose(result.displacement.values, moved, rtol=1e-12, atol=1e-17)
@@ -168,7 +169,7 @@ def test_correlated_noise_widens_the_zero():
 
 
 def test_volts_need_and_use_the_scale_of_the_record():
-    made = keyence.make_recording({1: np.linspace(0, 2, 50)}, cycle="50 us", start=DAY, unit_text="V")
+    made = seeds.keyence_readings(np.linspace(0, 2, 50), DAY, unit_text="V")
     with pytest.raises(CalibrationError, match="volt_scale"):
         laser.displacement(made, record(), zero=0.0)
     known = record("60 ± 0.1 deg", "1 ± 0.0001", volt_scale="0.5 ± 0.0005 mm/V")

@@ -156,9 +156,7 @@ CASES |= {
 # --- Keyence --------------------------------------------------------------------------------------
 
 
-LASER = keyence.encode(
-    keyence.make_recording({1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14))
-).decode("utf-8-sig")
+LASER = keyence.encode({1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14)).decode("utf-8-sig")
 KEYENCE = {
     "keyence_letter_in_number": ("+00.2000", "+0x.2000"),
     "keyence_cut_row": ("+00.4000", "+00.4"),

@@ -2,9 +2,11 @@
 
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from instruments import anton_paar, keyence, mach1, phantom
 
@@ -36,8 +38,16 @@ def keyence_text(rows: int = 12) -> bytes:
     """One storage of a displacement sensor, two outputs."""
     time = np.arange(rows) * 50e-6
     outputs = {1: 2e-3 * np.cos(300 * time), 2: -1e-3 * np.sin(500 * time)}
-    recording = keyence.make_recording(outputs, cycle="50 us", start=START, measuring_range=1.99e-3)
-    return keyence.encode(recording).removeprefix(b"\xef\xbb\xbf")
+    made = keyence.encode(outputs, cycle="50 us", start=START, measuring_range=1.99e-3)
+    return made.removeprefix(b"\xef\xbb\xbf")
+
+
+def keyence_readings(readings: np.ndarray, start: datetime = START, **settings: Any) -> xr.Dataset:
+    """Readings [m or V] of one output every 50 us, as they are read from a file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.csv"
+        path.write_bytes(keyence.encode({1: readings}, cycle="50 us", start=start, **settings))
+        return keyence.read(path)
 
 
 def anton_paar_intervals() -> list[Any]:

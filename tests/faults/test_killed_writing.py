@@ -57,8 +57,7 @@ def make_laser(folder: Path) -> None:
     start = datetime(2026, 5, 14)  # storage files know no zone
     for n in range(2):
         readings = {1: np.linspace(0.0, 1e-3 * (n + 1), 50)}
-        made = keyence.make_recording(readings, cycle="50 us", start=start)
-        keyence.write(folder / f"drop_{n}.csv", made)
+        keyence.write(folder / f"drop_{n}.csv", readings, cycle="50 us", start=start)
 
 
 def write_configuration(folder: Path) -> None:

@@ -135,16 +135,9 @@ def test_a_cell_far_away_costs_no_memory_of_this_process(tmp_path):
     assert "the workbook is damaged or incomplete" in str(found)
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda row: row.rsplit("\t", 1)[0],  # the status is gone
-        lambda row: row.rsplit("\t", 1)[0][:-3],  # and digits of the number before it
-        lambda row: "\t".join(row.split("\t")[:3] + row.split("\t")[4:-1]) + "\t",  # moved left
-    ],
-)
-def test_a_row_that_lost_a_cell_is_invalid_with_its_line(tmp_path, damage):
-    found, said = outcome(tmp_path, utf16(TEXT.replace(SECOND, damage(SECOND), 1)))
+def test_a_row_that_lost_a_cell_is_invalid_with_its_line(tmp_path):
+    moved = "\t".join(SECOND.split("\t")[:3] + SECOND.split("\t")[4:-1]) + "\t"  # the rest moved left
+    found, said = outcome(tmp_path, utf16(TEXT.replace(SECOND, moved, 1)))
     assert len(said) == 1
     assert re.search(r"line 12: 1 of 3 rows hold fewer than [78] cells; .* marked invalid", said[0])
     assert np.flatnonzero(found.is_valid.values == 0).tolist() == [1]

@@ -1,4 +1,4 @@
-"""Live acquisition against an emulator: both protocols, errors, disconnects, gaps, triggers, crashes."""
+"""Live acquisition against an emulator: both protocols, errors, disconnects, gaps, crashes."""
 
 import socket
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import instruments
-from instruments.keyence import DL_EN1, LK_G5000, Connection, Setup, Status, Trigger, record, recover
+from instruments.keyence import DL_EN1, LK_G5000, Connection, Setup, Status, record, recover
 from labpipe.errors import InputError, SourceError, UsageError
 from tests.instruments.keyence_emulator import emulator
 
@@ -24,9 +24,9 @@ def ask(made, outputs=(1,), timeout=0.5):
         connection.close()
 
 
-def recorded(made, path: Path, duration: float, trigger: Trigger | None = None, outputs=(1,), **options):
+def recorded(made, path: Path, duration: float, outputs=(1,), **options):
     setup = Setup(outputs, (4,) * len(outputs), ("mm",) * len(outputs), 0.01)
-    return record(path, setup, lambda: opened(made, outputs, 0.1), duration, trigger, **options)
+    return record(path, setup, lambda: opened(made, outputs, 0.1), duration, **options)
 
 
 def test_the_binary_protocol_reads_values_and_markers() -> None:
@@ -113,17 +113,6 @@ def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_the_reading
     with emulator(LK_G5000, lambda n: [n], faults) as made, pytest.raises(SourceError, match=r"silent for 0\.5 s"):
         recorded(made, tmp_path / "a.csv", 60.0, patience=0.5)
     assert instruments.read(tmp_path / "a.csv").sizes["time"] >= 10
-
-
-def test_a_trigger_keeps_the_readings_around_it(tmp_path: Path) -> None:
-    """The reading falls by 1 µm per answer and passes -50 µm once."""
-    with emulator(LK_G5000, lambda n: [-10 * n]) as made:
-        done = recorded(made, tmp_path / "a.csv", 0.2, Trigger.of("OUT1 < -0.05 mm"), before=0.05)
-    found = instruments.read(done.path)["out1"].values
-    assert 1 <= done.trigger_row <= 6
-    assert found[done.trigger_row - 1] <= -50e-6
-    assert not (found[: done.trigger_row - 1] <= -50e-6).any()
-    assert done.rows <= done.trigger_row - 1 + 20
 
 
 def test_a_file_is_never_replaced(tmp_path: Path) -> None:

@@ -54,24 +54,8 @@ FORMS = {
         ",",
     ),
 }
-PIECES = (
-    b",",
-    b";",
-    b"\t",
-    b"\r\n",
-    b"\r",
-    b"-",
-    b".",
-    b"9",
-    b"e9",
-    b"+FFFFFFF",
-    b"nan",
-    b"<",
-    b'"',
-    b" ",
-    b"[",
-    b"\xc3",
-)
+PIECES = [b",", b";", b"\t", b"\r\n", b"\r", b"-", b".", b"9", b"e9", b"+FFFFFFF", b"nan", b"<", b'"', b" "]
+PIECES += [b"[", b"\xc3"]
 
 
 def damaged(data: bytes, source: random.Random) -> bytes:

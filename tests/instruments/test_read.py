@@ -18,8 +18,7 @@ from labpipe.errors import SourceError, UsageError
 @pytest.fixture
 def laser(tmp_path):
     path = tmp_path / "drop.csv"
-    made = keyence.make_recording({1: np.linspace(0, 1e-3, 50)}, cycle="50 us", start=datetime(2024, 5, 14))
-    keyence.write(path, made)
+    keyence.write(path, {1: np.linspace(0, 1e-3, 50)}, cycle="50 us", start=datetime(2024, 5, 14))
     return path
 
 

@@ -25,7 +25,7 @@ from tests.instruments.tables_of_sweeps import (
     assert_is_the_truth,
     read,
     table,
-)  # fmt: skip
+)
 
 DE = {"sep": ";", "decimal": ","}
 PSI = 6894.757293168361

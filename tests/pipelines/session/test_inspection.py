@@ -22,8 +22,8 @@ needs_films = pytest.mark.skipif(not FILMS.is_dir(), reason="the sample films ar
 def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None:
     readings = np.full(1000, 1e-3)
     readings[100:110] = 9e-3
-    made = keyence.make_recording({1: readings}, cycle="50 us", start=datetime(2024, 5, 14), measuring_range=5e-3)
-    keyence.write(tmp_path / "a.csv", made)
+    settings = {"cycle": "50 us", "start": datetime(2024, 5, 14), "measuring_range": 5e-3}
+    keyence.write(tmp_path / "a.csv", {1: readings}, **settings)
     found = describe(tmp_path / "a.csv")
     assert (found["reader"], found["kind"]) == ("keyence", "table")
     assert (found["interval"], found["rate"], found["duration"]) == ("5e-05 s", "20000 Hz", "0.04995 s")

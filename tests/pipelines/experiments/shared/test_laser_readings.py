@@ -22,8 +22,7 @@ class Holder(Table, frozen=True, kw_only=True):
 @pytest.fixture
 def export(tmp_path: Path) -> Path:
     """Ten points of 50 us each; the file states its cycle but no storage factor."""
-    made = keyence.make_recording({1: np.linspace(0, 1e-3, 10)}, cycle="50 us", start=datetime(2024, 5, 14))
-    data = keyence.encode(made)
+    data = keyence.encode({1: np.linspace(0, 1e-3, 10)}, cycle="50 us", start=datetime(2024, 5, 14))
     lines = [line for line in data.split(b"\r\n") if not line.startswith(b"Storage cycle")]
     (tmp_path / "drop.csv").write_bytes(b"\r\n".join(lines))
     return tmp_path / "drop.csv"
@@ -37,8 +36,8 @@ def test_a_storage_factor_that_the_file_omits_is_asked_for_and_used(export: Path
 
 
 def test_a_contradiction_to_the_file_is_refused(tmp_path: Path) -> None:
-    made = keyence.make_recording({1: np.zeros(3)}, cycle="50 us", start=datetime(2024, 5, 14), storage_factor=2)
-    keyence.write(tmp_path / "a.csv", made)
+    settings = {"cycle": "50 us", "start": datetime(2024, 5, 14), "storage_factor": 2}
+    keyence.write(tmp_path / "a.csv", {1: np.zeros(3)}, **settings)
     with pytest.raises(SourceError, match="says 2, the option storage_factor says 5"):
         read_laser(tmp_path / "a.csv", Keyence(storage_factor=5))
     with pytest.raises(SourceError, match=r"the option cycle says 0\.0001 s"):

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from instruments import keyence, mach1
+from instruments import mach1
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_checks, mach1_readings
 from pipelines.experiments.shared.laser_readings import OUTLIER, without_outliers
 from pipelines.experiments.shared.record_checks import Trace, of_readings
+from tests.faults import seeds
 
 START = datetime(2024, 5, 14)
 
@@ -31,7 +32,7 @@ def bouncing(count: int = 3000) -> np.ndarray:
 
 
 def laser(heights: np.ndarray) -> xr.Dataset:
-    return keyence.make_recording({1: heights}, cycle="50 us", start=START)
+    return seeds.keyence_readings(heights)
 
 
 def spikes(readings: xr.Dataset) -> tuple[str | None, str]:
