@@ -1,8 +1,8 @@
 """Viscoelastic contact: indentation and impact.
 
-The room holds two integrators of an impact: the first contact on rigid ground is collocated, which reaches 1e-7 in the
-time of 1e-4 and does batches of first impacts; bounces, rings, plates, rest and static loads are stepped, in which 1e-7
-would take fifty times as long.
+The room holds two integrators of an impact: contacts up to a lift-off are collocated, which reaches 1e-7 in the time of
+1e-4 and does batches of bounces; rings, contacts that grow again, rest and static loads are stepped, in which 1e-7 would
+take fifty times as long, and late bounces on a light plate lose digits.
 """
 
 from typing import TYPE_CHECKING

@@ -1,5 +1,6 @@
-"""The first contact on rigid ground by collocation: its largest values, its course, and the dent that it leaves."""
+"""One contact by collocation, from touch to lift-off: the dents on the surface, its outcome, and its course."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -10,94 +11,183 @@ from labpipe.contact._memory import Creep
 from labpipe.contact.impact._method import MEANS, N_NODES, STAGES, TO_POWERS, WEIGHTS, Tables, interpolation
 from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Room, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
-from labpipe.contact.impact._trajectory import Course
 
 # Records of each step: its start and so many instants inside.
 _RECORDS_PER_STEP = 12
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
-class Dent(NamedTuple):
-    """Displacement (element, node) [m] of the free springs out to an edge [m]; there are none beyond."""
+class _Dent(NamedTuple):
+    """Displacement (element, node) [m] of the springs out to an edge [m].
 
-    creep: Creep
+    ``shown`` (element,) [J] is the energy of those that no later dent covers.
+    """
+
     edge: float
     values: Floats
+    shown: Floats
+
+    def at(self, position: Floats) -> Floats:
+        """Displacements (element, spring) at distances from the axis (spring,) [m] within the edge."""
+        place = np.sqrt(np.maximum(1.0 - (position / self.edge) ** 2, 0.0))
+        return np.asarray(self.values @ interpolation(place).T)
+
+
+@dataclass(slots=True)
+class Dents:
+    """Dents that contacts left on the surface: the latest, and the parts of earlier ones that reach beyond it.
+
+    Without ``has_energy`` no account is kept of the energy that they store.
+    """
+
+    creep: Creep
+    has_energy: bool = True
+    layers: list[_Dent] = field(default_factory=list)
+
+    def add(self, edge: float, values: Floats) -> None:
+        """Put the dent of a contact over those before it."""
+        self.cover(edge)
+        shown = np.zeros(self.creep.rate.size)
+        if self.has_energy:
+            shown = 0.5 * self.creep.inverse * (values**2 @ (edge * MEANS[0]))
+        self.layers.append(_Dent(edge, values, shown))
+
+    def cover(self, edge: float) -> None:
+        """Take away the parts within an edge [m]."""
+        while self.layers and self.layers[-1].edge <= edge:
+            self.layers.pop()
+        if self.layers and self.has_energy:
+            layer = self.layers[-1]
+            # The dent ends like a power 3/2 at its edge: smooth over the root of the distance.
+            root, width = 0.5 * (_POINTS + 1.0), layer.edge - edge
+            shown = self.creep.inverse * (layer.at(layer.edge - width * root**2) ** 2 @ (_WEIGHTS * width * root))
+            self.layers[-1] = layer._replace(shown=shown)
+
+    def relax(self, dt: float) -> None:
+        """Let all recover for a time [s]."""
+        left = np.exp(-dt * self.creep.rate)
+        self.layers = [_Dent(edge, left[:, None] * values, left**2 * shown) for edge, values, shown in self.layers]
+
+    @property
+    def centre(self) -> Floats:
+        """Displacements (element,) of the central spring."""
+        return self.layers[-1].values[:, -1].copy() if self.layers else np.zeros(self.creep.rate.size)
 
     def at(self, position: Floats) -> Floats:
         """Displacements (element, spring) at distances from the axis (spring,) [m]."""
-        place = np.sqrt(np.maximum(1.0 - (position / self.edge) ** 2, 0.0))
-        return np.asarray(self.values @ interpolation(place).T * (position <= self.edge))
+        found = np.zeros((self.creep.rate.size, position.size))
+        for layer in self.layers:  # later ones are smaller and lie on top
+            inside = position <= layer.edge
+            found[:, inside] = layer.at(position[inside])
+        return found
 
     def stored(self) -> Floats:
-        """Energy (element,) in J."""
-        return np.asarray(0.5 * self.creep.inverse * (self.values**2 @ (self.edge * MEANS[0])))
+        """Energy (element,) in J of the free springs."""
+        return np.asarray(sum((layer.shown for layer in self.layers), np.zeros(self.creep.rate.size)))
 
-    def relaxed(self, dt: float) -> "Dent":
-        """Return the same after it recovered for a time [s]."""
-        return self._replace(values=np.exp(-dt * self.creep.rate)[:, None] * self.values)
+
+class Bounce(NamedTuple):
+    """One contact that ended in a lift-off: its largest values, and its course where an account of energy is kept.
+
+    ``largest`` [m]: contact radius; ``mislaid`` [J]: energy error at its end, ``worst`` on the way.
+    """
+
+    largest: float
+    peak_force: float
+    peak_approach: float
+    deepest: float
+    mislaid: float
+    worst: float
+    course: Trail | None
 
 
 def bounce(
-    tables: Tables, fall: Fall, now: Motion, counts: Counts, course: Course | None
-) -> tuple[Dent, Floats] | None:
-    """Follow the contact of a fresh surface from touch; None unless it shrinks once and ends in a lift-off.
+    tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts, times: Floats | None = None
+) -> Bounce | None:
+    """Follow one contact from touch; None unless it shrinks once and ends in a lift-off.
 
-    ``now`` is the instant of lift-off then, and the course goes on to there. Returns the dent, and largest position
-    [m], force [N] and energy error [J].
+    The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far. The
+    course is at those of the ``times`` (time,) [s] that lie in it, or at instants of its own, and at its end.
     """
-    room, creep, touched = tables.room, tables.creep, now.time
+    room, centre, outer = tables.room, dents.centre, 0.0
+    room.center[: centre.size], room.dent[: centre.size] = centre, 0.0
+    if dents.layers:
+        outer = dents.layers[-1].edge
+        room.dent[: centre.size] = dents.layers[-1].values - centre[:, None]
     state, time = room.state, room.time
-    state[0], state[0, 1] = 0.0, now.velocity
-    outcome, n, peak, rejected = contact(tables.law, fall, room, course is not None)
+    touched, work = now.time, now.spring_work
+    origin = now.position - now.plate_displacement - float(centre.sum())
+    plate = now.plate_displacement, now.plate_velocity, now.plate_loss
+    state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
+    room.approach[0] = 0.0
+    outcome, n, peak, rejected = contact(tables.law, fall, outer, room, dents.has_energy)
     counts.rejected_steps += rejected
     if outcome != LIFTED:
         return None
     counts.solver_steps += n
     counts.kernel_products += n
-    counts.spring_updates += n * creep.rate.size * N_NODES
-    lasted = float(time[n])
-    dent = Dent(creep, float(state[peak, 3]), room.after[: creep.rate.size].copy())
-    peaks = np.zeros(3)
-    outcome_of(fall, room, n, peaks)
-    left = float(dent.stored().sum())
-    if course is not None:
-        stored = room.stored[: n + 1].copy()
-        stored[0], stored[n] = 0.0, left
-        # Dissipation grows between its exact values at touch, peak and lift-off; a spring that comes or goes between
-        # two nodes leaves an error of about 1e-5 in the others.
-        lost = state[: n + 1, 4] - stored
-        lost[n] = max(lost[n], lost[peak], 0.0)
-        lost[: peak + 1] = np.clip(lost[: peak + 1], 0.0, max(lost[peak], 0.0))
-        lost = np.minimum(np.maximum.accumulate(lost), lost[n])
+    counts.spring_updates += n * centre.size * N_NODES
+    largest, lasted = float(state[peak, 3]), float(time[n])
+    before = dents.stored()
+    dents.cover(largest)
+    outside = dents.stored()
+    dents.relax(lasted)
+    dents.add(largest, room.after[: centre.size].copy())
+    done, dissipated, course = state[: n + 1, 7] - work, np.zeros(n + 1), None
+    if dents.has_energy:
+        stored = room.stored[: n + 1] + np.exp(-2.0 * time[: n + 1, None] * tables.creep.rate) @ outside
+        stored[0], stored[n] = before.sum(), dents.stored().sum()
+        # It grows between its exact values at touch, peak and lift-off; a spring that comes or goes between two
+        # nodes leaves an error of about 1e-5 in the others.
+        lost = done - (stored - stored[0])
+        peak_loss = max(float(lost[peak]), 0.0)
+        whole = max(float(lost[-1]), peak_loss)
+        dissipated = np.clip(np.maximum.accumulate(lost), 0.0, whole)
+        dissipated[: peak + 1] = np.minimum(dissipated[: peak + 1], peak_loss)
+        dissipated[peak:] = np.maximum(dissipated[peak:], peak_loss)
+        dissipated[-1] = whole
         part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
-        own = (time[:n, None] + np.diff(time[: n + 1])[:, None] * part).ravel()
-        stop = min(lasted, course.end - touched)
-        at = course.instants(touched + np.append(own[own < stop], stop), touched + stop)
-        trail = _course(room, fall, n, peak, np.minimum(at - touched, lasted))
-        trail["stored"] = trail["spring_work"] - PchipInterpolator(time[: n + 1], lost)(trail["time"])
-        trail["time"] = at
-        course.parts.append(trail)
-        left = float(state[n, 4] - lost[n])
-    now.position, now.velocity, _, _, now.spring_work = state[n].tolist()
-    now.time, now.acceleration, now.approach, now.stored = touched + lasted, fall.gravity, now.position, left
-    return dent, peaks
+        at = touched + (time[:n, None] + np.diff(time[: n + 1])[:, None] * part).ravel()
+        if times is not None:
+            at = times[(times >= touched) & (times < touched + lasted)]
+        at = np.append(at, touched + lasted)
+        course = _course(room, fall, n, peak, np.minimum(at - touched, lasted))
+        lost = PchipInterpolator(time[: n + 1], dissipated)(course["time"])
+        course["stored"] = stored[0] + course["spring_work"] - work - lost
+        course["time"] = at
+        for name in ("position", "approach", "surface"):
+            course[name] += origin
+    peaks = np.zeros(4)
+    worst = outcome_of(fall, room, n, mislaid, peaks)
+    end = state[n].tolist()
+    now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
+    now.acceleration, now.force, now.contact_radius = fall.gravity, 0.0, 0.0
+    now.plate_displacement, now.plate_velocity, now.plate_loss = end[4], end[5], end[6]
+    now.spring_work, now.stored = end[7], float(before.sum()) + done[n] - dissipated[n]
+    now.approach = now.position - now.plate_displacement
+    if fall.plate_mass:
+        now.plate_acceleration = -(fall.plate_damping * end[5] + fall.plate_stiffness * end[4]) / fall.plate_mass
+    force, approach, deepest, error = peaks.tolist()
+    return Bounce(largest, force, approach + origin, deepest + origin, error, float(worst), course)
 
 
 def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:
     """Return records at times (time,) [s] since touch, by the polynomials through the stages of the steps."""
     starts, stages, length = room.state[:n], room.stages[:n], np.diff(room.time[: n + 1])
-    gained = length[:, None] * (stages[:, :, 2] * stages[:, :, 1] @ WEIGHTS.T)
-    coefficients = np.zeros((n, 5, STAGES + 1))
-    coefficients[:, :4, 0] = starts[:, :4]
-    values = np.concatenate([stages, gained[:, :, None]], axis=2) - coefficients[:, None, :, 0]
+    power = stages[:, :, 2] * (stages[:, :, 1] - stages[:, :, 5])
+    gained = np.stack([power, fall.plate_damping * stages[:, :, 5] ** 2], axis=2)
+    gained = length[:, None, None] * np.einsum("il,nlc->nic", WEIGHTS, gained)
+    coefficients = np.zeros((n, 8, STAGES + 1))
+    coefficients[:, :6, 0] = starts[:, :6]
+    values = np.concatenate([stages[:, :, :6], gained], axis=2) - coefficients[:, None, :, 0]
     coefficients[:, :, 1:] = np.einsum("pm,nmc->ncp", TO_POWERS, values)
-    coefficients[:, 4, 0] = starts[:, 4]
+    coefficients[:, 6, 0], coefficients[:, 7, 0] = starts[:, 7], starts[:, 6]
     # The edge is the square of its radius until the contact is largest, and the place s afterwards.
     receded = np.cumsum(room.edge_powers[peak:n].sum(axis=1))[:-1]
     coefficients[:, 3, 0] = np.concatenate([starts[:peak, 3] ** 2, [0.0], receded])
     coefficients[:, 3, 1:] = room.edge_powers[:n]
     step = np.clip(np.searchsorted(room.time[: n + 1], times, side="right") - 1, 0, n - 1)
-    u, values = (times - room.time[step]) / length[step], np.zeros((times.size, 5))
+    u, values = (times - room.time[step]) / length[step], np.zeros((times.size, 8))
     for p in range(STAGES, -1, -1):
         values = values * u[:, None] + coefficients[step, :, p]
     largest = float(room.state[peak, 3])
@@ -107,6 +197,10 @@ def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:
     trail["force"] = np.maximum(values[:, 2], 0.0)
     trail["acceleration"] = fall.gravity - trail["force"] / fall.mass
     trail["contact_radius"] = np.sqrt(np.maximum(square, 0.0))
-    trail["approach"] = trail["surface"] = trail["position"]
-    trail["spring_work"] = values[:, 4]
+    trail["approach"] = trail["surface"] = trail["position"] - values[:, 4]
+    trail["plate_displacement"], trail["plate_velocity"] = values[:, 4], values[:, 5]
+    if fall.plate_mass:
+        pull = trail["force"] - fall.plate_damping * values[:, 5] - fall.plate_stiffness * values[:, 4]
+        trail["plate_acceleration"] = pull / fall.plate_mass
+    trail["spring_work"], trail["plate_loss"] = values[:, 6], values[:, 7]
     return trail

@@ -48,7 +48,7 @@ def dataset(
     ``rigid_restitution``: of the first impact on a rigid substrate, when there is a plate; ``seconds``: so far.
     """
     assert train.course is not None  # noqa: S101 - it was asked for
-    values = np.concatenate(train.course.parts)
+    values = train.course.records()
     # Energies over time; the numerical one closes the sum. What the difference of two sums loses in the last digit
     # of the dissipated energy, which only grows, is put right.
     kinetic = 0.5 * setting.mass * values["velocity"] ** 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil, nan
 from time import perf_counter
 from typing import Any
@@ -94,7 +94,7 @@ def drop(
     full : bool
         Leave nothing out; the answer is the same within `rtol`. Otherwise terms far below the contact's time scale are
         folded into one and those far above ``duration`` frozen, where this costs less than a hundredth of ``rtol``;
-        the first contact of a paraboloid on rigid ground is collocated; and the creep at rest is followed in few steps.
+        contacts up to a lift-off are collocated; and the creep of a sphere at rest is followed in few steps.
     max_steps : int
         Refuse rather than take more steps.
     progress : callable, optional
@@ -145,10 +145,10 @@ def drop(
 
     Notes
     -----
-    Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" the first contact is collocated
-    up to its lift-off, which is Ting's solution (doi:10.1115/1.3625192); those on the dent that it leaves are
-    stepped spring by spring, as are one that grows again before it lifts off, and all on a plate, of
-    an exact sphere, of "rings" and of a full run.
+    Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" every contact up to a
+    lift-off is collocated: Ting's solution (doi:10.1115/1.3625192) on the dents of the bounces
+    before it. The contact in which the sphere comes to rest, or that grows again before it lifts
+    off, is stepped spring by spring, as are all contacts of "rings" and of a full run.
     The dissipated energy never decreases; ``numerical_energy`` is the numerical energy error, a measure
     of the error of the run.
     """
@@ -165,11 +165,7 @@ def drop(
     wanted = None if times is None else checked_times(times, t)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
     expected = Scales.of(creep, setting)
-
-    def observe(since: float) -> None:
-        if progress is not None:
-            progress(min((setting.fall_time + since) / t, 1.0))
-
+    observe = None if progress is None else _Throttle(progress, setting)
     if solver == "thesis":
         width = RING_WIDTH if ring_width is None else ring_width
         count = ceil(MARGIN * 2.0 * expected.radius / width) + 1
@@ -309,3 +305,18 @@ def _refined(
             stacklevel=3,
         )
     return train
+
+
+@dataclass(slots=True)
+class _Throttle:
+    """Hand on the progress whenever another hundredth of the duration is done."""
+
+    progress: Callable[[float], None]
+    setting: Setting
+    reported: float = 0.0
+
+    def __call__(self, time: float) -> None:
+        done = min((self.setting.fall_time + time) / self.setting.duration, 1.0)
+        if done >= self.reported + 0.01:
+            self.reported = done
+            self.progress(done)

@@ -100,11 +100,15 @@ class Law(Protocol):
 
 
 class Fall(NamedTuple):
-    """A falling paraboloid, and the steps of its contact: tolerance [m/s], longest and first [s]."""
+    """What falls onto what; the plate's numbers are 0 on a rigid flat; ``is_sphere`` the profile."""
 
     mass: float
     gravity: float
     radius: float
+    is_sphere: bool
+    plate_mass: float
+    plate_stiffness: float
+    plate_damping: float
     tolerance: float
     longest: float
     first: float
@@ -113,11 +117,12 @@ class Fall(NamedTuple):
 class Phase(NamedTuple):
     """While the contact grows, or shrinks: since ``begin`` [s], over a field out to ``outer`` [m].
 
-    At the start of the step: ``edge`` where the edge is looked for, ``start_edge`` where it is (the square of its
-    radius while it advances), ``bulk`` twice the area under the springs or the load of the central spring.
+    At the start of the step: ``edge`` where the edge is looked for, ``start_edge`` where it is (as
+    in ``Path.edge``), ``bulk`` twice the area under the springs or the load of the central spring.
     """
 
     recedes: bool
+    dented: bool
     begin: float
     outer: float
     edge: float
@@ -131,29 +136,34 @@ class Room(Protocol):
     Shapes: S stages (or powers), N nodes over the radius, T terms, M steps at most, L instants.
 
     At the ends of the steps ``time`` from touch; ``state``, and ``stages`` inside: position, velocity, force, contact
-    radius, and at the ends the work on the springs; ``powers`` coefficients of the position over u from 0 to 1;
-    ``edge_powers`` those of the square of the radius while it advances, of s while it recedes; ``fading`` the fading
-    integral of the position; ``stored`` energy.
+    radius, displacement and velocity of the plate, and at the ends what its dashpot took and the work on the springs;
+    ``approach``, and ``powers`` its coefficients over u from 0 to 1; ``edge_powers`` those of the square of the radius
+    while it advances, of s while it recedes; ``fading`` the fading integral of the approach; ``stored`` energy.
 
-    ``touch`` and ``release`` [s]; ``after`` the displacement of the elements left; ``node_base`` that of Maxwell
-    elements less the fading integral at touch, ``node_field`` the same where the contact began to shrink;
-    ``node_fading`` and ``element`` room for one.
+    ``center`` is the displacement of the central spring at touch, ``dent`` that of the others less the central one's;
+    ``touch`` and ``release`` [s]; ``before`` the dents found, ``after`` the displacement of the elements left;
+    ``node_base`` that of Maxwell elements less the fading integral at touch, ``node_field`` the same where the contact
+    began to shrink; ``node_fading`` and ``element`` room for one.
 
     Of the step at hand ``base`` is the approach without force, ``answer`` the approach per force; ``known`` the force,
     or its density, that is left of the start; ``gain`` that per approach; ``weight`` of the fading integrals;
     ``field`` and ``slope`` the polynomial over the radius that the edge meets, and its derivative, ``area`` twice its
-    mean.
+    mean; ``cross`` the force per change of the dents' moments; ``moment`` those moments.
     """
 
     time: Annotated[Floats, "L"]
-    state: Annotated[Floats, "L5"]
-    stages: Annotated[Floats, "MS4"]
+    state: Annotated[Floats, "L8"]
+    stages: Annotated[Floats, "MS6"]
+    approach: Annotated[Floats, "L"]
     powers: Annotated[Floats, "MS"]
     edge_powers: Annotated[Floats, "MS"]
     fading: Annotated[Floats, "LT"]
     stored: Annotated[Floats, "L"]
+    center: Annotated[Floats, "T"]
+    dent: Annotated[Floats, "TN"]
     touch: Annotated[Floats, "N"]
     release: Annotated[Floats, "N"]
+    before: Annotated[Floats, "TN"]
     after: Annotated[Floats, "TN"]
     node_base: Annotated[Floats, "TN"]
     node_field: Annotated[Floats, "TN"]
@@ -161,12 +171,20 @@ class Room(Protocol):
     element: Annotated[Floats, "T"]
     base: Annotated[Floats, "S"]
     answer: Annotated[Floats, "SS"]
+    plate: Annotated[Floats, "S6"]
+    plate_free: Annotated[Floats, "S"]
     known: Annotated[Floats, "S"]
     gain: Annotated[Floats, "SS"]
     weight: Annotated[Floats, "TSS"]
     field: Annotated[Floats, "SN"]
     slope: Annotated[Floats, "SN"]
     area: Annotated[Floats, "SN"]
+    table: Annotated[Floats, "STS"]
+    cross: Annotated[Floats, "ST"]
+    moment: Annotated[Floats, "ST"]
+    last: Annotated[Floats, "T"]
+    rim: Annotated[Floats, "T"]
+    primitive: Annotated[Floats, "TN"]
     bulk: Annotated[Floats, "S"]
     delta: Annotated[Floats, "S"]
     force: Annotated[Floats, "S"]
@@ -174,5 +192,5 @@ class Room(Protocol):
     radius: Annotated[Floats, "S"]
     held: Annotated[Floats, "T"]
     matrix: Annotated[Floats, "SS"]
-    right: Annotated[Floats, "S"]
+    right: Annotated[Floats, "S1"]
     short: Annotated[Floats, "S"]

@@ -1,12 +1,15 @@
-"""The first contact on rigid ground by collocation, compiled: touch, advance, recede, lift-off.
+"""One contact of a falling sphere by collocation, compiled: touch, advance, recede, lift-off.
 
 The row of springs is never stepped. While springs are loaded their Maxwell elements differ by a
 decaying exponential only, so that force and contact radius follow from functions of time: the
 approach, its fading integral per relaxation term, and the state of the springs where the phase
-began, a polynomial over the radius. This is Ting's solution [1]_.
+began, a polynomial over the radius. This is Ting's solution [1]_, also on a surface with dents.
 
 Motion and force are collocated at Radau's points [2]_; the fading integrals are exact for the
 polynomial through the stages, however stiff the terms.
+
+Lengths are counted from the free motion of the spring at the centre, which touches first: all dents
+are differences to it and vanish there.
 
 References
 ----------
@@ -25,16 +28,21 @@ from labpipe.contact.impact._radau import (
     accept,
     attempt,
     crossing,
+    dot,
     fade,
+    gap,
     maximum_between,
     power_sum,
     slope,
     summit,
+    value_at,
 )
 from labpipe.contact.impact._records import Fall, Law, Phase, Room
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
+# Columns of the state, and those to subtract, of which the largest values are reported.
+_LOOKED_AT = ((2, -1), (0, 4), (0, -1))
 # Looks for the largest force within a step.
 _LOOKS = 16
 # The contact is largest where it grows slower than this part of its mean growth; an error of the
@@ -61,6 +69,19 @@ def _edge_powers(room: Room, phase: Phase) -> None:
         for m in range(STAGES):
             change = room.bulk[m] - phase.bulk if phase.recedes else room.edge[m] ** 2 - phase.start_edge
             found[p] += TO_POWERS[p, m] * change
+
+
+@inner()
+def _begin(law: Law, room: Room) -> None:
+    """Set what a contact has gathered to nothing, and prepare its dents."""
+    for k in range(law.elements):
+        room.last[k] = 0.0
+        for m in range(N_NODES):
+            room.primitive[k, m] = dot(MEANS[m], room.dent[k])
+        room.rim[k] = room.dent[k, 0]
+    room.time[0] = 0.0
+    for j in range(law.maxwells):
+        room.fading[0, j] = room.held[j] = 0.0
 
 
 @inner()
@@ -97,7 +118,7 @@ def _event(room: Room, n: int, h: float, phase: Phase, central: float) -> tuple[
 
 
 @inner()
-def sample_touch(law: Law, room: Room, peak: int) -> None:
+def sample_touch(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> None:
     """Note for each node when it was touched, and its Maxwell elements less the fading integral."""
     largest = room.state[peak, 3]
     step = 0
@@ -113,8 +134,18 @@ def sample_touch(law: Law, room: Room, peak: int) -> None:
         time = room.time[step] + u * h
         room.touch[n] = time
         fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
+        inside = 0.0 if outer <= 0.0 else 1.0 - square / outer**2
+        s = math.sqrt(inside) if inside > 0.0 else 0.0
+        for k in range(law.elements):
+            room.before[k, n] = 0.0
+            if outer > 0.0:
+                room.before[k, n] = value_at(room.dent[k], s)
         for j in range(law.maxwells):
-            room.node_base[j, n] = -room.node_fading[j]
+            total = -room.node_fading[j]
+            if outer > 0.0:
+                for k in range(law.elements):
+                    total += law.mixed[j, k] * room.before[k, n] * math.exp(-law.creep_rate[k] * time)
+            room.node_base[j, n] = total
 
 
 @inner()
@@ -151,8 +182,8 @@ def sample_release(law: Law, fall: Fall, room: Room, peak: int, last: int) -> No
         time = room.time[step] + u * h
         room.release[n] = time
         fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
-        depth = room.state[step, 0] + power_sum(room.powers[step], u)
-        depth -= largest**2 * (1.0 - place**2) / fall.radius
+        x = largest * math.sqrt(max(1.0 - place**2, 0.0))
+        depth = room.approach[step] + power_sum(room.powers[step], u) - gap(fall, x)
         for j in range(law.maxwells):
             room.node_fading[j] += room.node_base[j, n] * math.exp(-law.rate[j] * (time - room.touch[n]))
         _kelvin(law, depth, room.node_fading, 0.0, room.element)
@@ -166,11 +197,13 @@ def store(law: Law, fall: Fall, room: Room, last: int, largest: float) -> None:
     for i in range(last + 1):
         time, total = room.time[i], 0.0
         for n in range(N_NODES):
-            if time < room.touch[n] or (time == room.touch[n] and n == 0):
-                continue
             load = 0.0
-            if time < room.release[n]:
-                depth = room.state[i, 0] - largest**2 * (1.0 - NODES[n] ** 2) / fall.radius
+            if time < room.touch[n] or (time == room.touch[n] and n == 0):
+                for k in range(law.elements):
+                    room.element[k] = room.before[k, n] * math.exp(-law.creep_rate[k] * time)
+            elif time < room.release[n]:
+                x = largest * math.sqrt(max(1.0 - NODES[n] ** 2, 0.0))
+                depth = room.approach[i] - gap(fall, x)
                 load = law.E_relaxed * depth
                 for j in range(law.maxwells):
                     left = math.exp(-law.rate[j] * (time - room.touch[n]))
@@ -183,24 +216,27 @@ def store(law: Law, fall: Fall, room: Room, last: int, largest: float) -> None:
                     room.element[k] = room.after[k, n] * left
             energy = 0.5 * law.instantaneous * load**2
             for k in range(law.kelvins):
-                energy += 0.5 * room.element[k] ** 2 / law.C[k]
+                whole = room.element[k] + room.center[k] * math.exp(-law.creep_rate[k] * time)
+                energy += 0.5 * whole**2 / law.C[k]
             total += MEANS[0, n] * largest * energy
         room.stored[i] = total
 
 
 @inner()
 def recover(law: Law, room: Room, last: int) -> None:
-    """Let the springs recover from their release to the end of the contact."""
+    """Let the springs recover from their release to the end of the contact, and count from the undeformed surface."""
     for n in range(N_NODES):
         for k in range(law.elements):
-            room.after[k, n] *= math.exp(-law.creep_rate[k] * (room.time[last] - room.release[n]))
+            left = math.exp(-law.creep_rate[k] * (room.time[last] - room.release[n]))
+            room.after[k, n] *= left
+            room.after[k, n] += room.center[k] * math.exp(-law.creep_rate[k] * room.time[last])
 
 
 @inner()
-def _turn(law: Law, room: Room, peak: int) -> float:
+def _turn(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> float:
     """Sample the springs where the contact is largest; return the load of the central one."""
-    sample_touch(law, room, peak)
-    load = law.E_relaxed * room.state[peak, 0]
+    sample_touch(law, fall, room, peak, outer)
+    load = law.E_relaxed * room.approach[peak]
     for j in range(law.maxwells):
         for m in range(N_NODES):
             left = math.exp(-law.rate[j] * (room.time[peak] - room.touch[m]))
@@ -210,16 +246,17 @@ def _turn(law: Law, room: Room, peak: int) -> float:
 
 
 @lean()
-def contact(law: Law, fall: Fall, room: Room, has_energy: bool) -> tuple[int, int, int, int]:
+def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) -> tuple[int, int, int, int]:
     """Follow one contact from touch to lift-off.
 
-    ``room`` holds the start, ``state[0]``; the rest of it is filled. With ``has_energy`` the stored energy is. Returns
-    how it ended, the steps taken, those until the contact was largest, and rejected ones.
+    ``room`` holds the start: ``state[0]``, ``approach[0]``, ``center`` and ``dent``, whose edge is ``outer`` [m], 0
+    on a fresh surface; the rest of it is filled. With ``has_energy`` the stored energy is. Returns how it ended, the
+    steps taken, those until the contact was largest, and rejected ones.
     """
+    dented = outer > 0.0
     n, peak, rejected, tries = 0, 0, 0, 0
-    room.time[0] = 0.0
-    room.fading[0, :], room.held[:] = 0.0, 0.0
-    phase = Phase(False, 0.0, 0.0, 0.0, 0.0, 0.0)
+    _begin(law, room)
+    phase = Phase(False, dented, 0.0, outer, 0.0, 0.0, 0.0)
     h, central = fall.first, 0.0
     while True:
         if n + 1 >= room.time.size:
@@ -251,15 +288,15 @@ def contact(law: Law, fall: Fall, room: Room, has_energy: bool) -> tuple[int, in
             break
         edge, load = room.edge[STAGES - 1], room.bulk[STAGES - 1]
         if phase.recedes:
-            phase = Phase(True, phase.begin, phase.outer, edge, edge, load)
+            phase = Phase(True, False, phase.begin, phase.outer, edge, edge, load)
         elif ends or was_summit:
             peak = n
-            central = _turn(law, room, peak)
-            if not central > 0.0:
+            central = _turn(law, fall, room, peak, outer)
+            if not central > 0.0:  # a plate that draws back has unloaded the centre before the rim
                 return TURNED, n, peak, rejected
-            phase = Phase(True, room.time[n], room.state[n, 3], _FIRST_PLACE, 0.0, central)
+            phase = Phase(True, False, room.time[n], room.state[n, 3], _FIRST_PLACE, 0.0, central)
         else:
-            phase = Phase(False, 0.0, 0.0, edge, edge**2, load)
+            phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
         h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (STAGES + 1.0)))
     room.state[n, 2] = room.state[n, 3] = 0.0
     sample_release(law, fall, room, peak, n)
@@ -270,15 +307,17 @@ def contact(law: Law, fall: Fall, room: Room, has_energy: bool) -> tuple[int, in
 
 
 @inner()
-def _largest(room: Room, n: int, column: int, short: Floats) -> float:
-    """Largest value over a contact of a column of the state."""
+def _largest(room: Room, n: int, column: int, less: int, short: Floats) -> float:
+    """Largest value over a contact of a column of the state, or of its difference to another."""
     best = 0.0
     for step in range(n):
-        start = room.state[step, column]
+        start = room.state[step, column] - (room.state[step, less] if less >= 0 else 0.0)
         for p in range(STAGES):
             short[p] = 0.0
-            for m in range(STAGES):
-                short[p] += TO_POWERS[p, m] * (room.stages[step, m, column] - start)
+        for m in range(STAGES):
+            value = room.stages[step, m, column] - (room.stages[step, m, less] if less >= 0 else 0.0)
+            for p in range(STAGES):
+                short[p] += TO_POWERS[p, m] * (value - start)
         for look in range(_LOOKS):
             low, high = look / _LOOKS, (look + 1) / _LOOKS
             best = max(best, start + power_sum(short, high))
@@ -288,12 +327,20 @@ def _largest(room: Room, n: int, column: int, short: Floats) -> float:
 
 
 @lean()
-def outcome_of(fall: Fall, room: Room, n: int, row: Floats) -> None:
-    """Fill in (3,) largest position [m], force [N] and energy error [J] of a contact of ``n`` steps."""
-    for i in range(2):  # a constant column would be compiled for itself
-        row[i] = _largest(room, n, 2 * i, room.short[:])
-    row[2] = 0.0
+def outcome_of(fall: Fall, room: Room, n: int, lost: float, row: Floats) -> float:
+    """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
+
+    ``lost`` [J]: energy mislaid before; ``row`` (4,): filled: largest force [N], approach [m], position [m], energy
+    mislaid [J]. Returns the most energy mislaid on the way [J].
+    """
+    for i in range(3):  # a constant column would be compiled for itself
+        row[i] = _largest(room, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
+    first, most = room.state[0], abs(lost)
     for i in range(n + 1):
         end = room.state[i]
-        lost = 0.5 * fall.mass * (end[1] ** 2 - room.state[0, 1] ** 2) + end[4] - fall.mass * fall.gravity * end[0]
-        row[2] = max(row[2], abs(lost))
+        now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] - first[6] + end[7] - first[7]
+        now -= fall.mass * fall.gravity * (end[0] - first[0])
+        now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)
+        now += 0.5 * fall.plate_stiffness * (end[4] ** 2 - first[4] ** 2)
+        row[3], most = now, max(most, abs(now))
+    return most

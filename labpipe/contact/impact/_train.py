@@ -1,21 +1,23 @@
 """Fall, bounce, rest: a drop as contacts and flights in turn.
 
-The first contact of a paraboloid on rigid ground is collocated up to its lift-off (:mod:`._bounce`). Those on the
-dent that it leaves are stepped (:mod:`._stepper`), as are a first one that grows again or comes to rest, and all on a
-plate, of an exact sphere and of "rings"; when nothing swings any more, the contact creeps on quasi-statically.
-Memory is never reset between bounces.
+Every contact up to a lift-off is collocated (:mod:`._bounce`). One that grows again before it lifts
+off, or in which the sphere comes to rest, is stepped from there on (:mod:`._stepper`), as are all of
+"rings"; when nothing swings any more, the contact creeps on quasi-statically. The surface keeps its
+dents: memory is never reset between bounces.
 """
 
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
+from functools import partial
 from math import inf, nan, sqrt
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._bounce import Dent, bounce
+from labpipe.contact.impact._bounce import Dents, bounce
 from labpipe.contact.impact._method import Tables
+from labpipe.contact.impact._plate import modal
 from labpipe.contact.impact._records import Counts, Fall, Motion, Trail
 from labpipe.contact.impact._setting import Scales, Setting
 from labpipe.contact.impact._stepper import Stepper
@@ -27,11 +29,11 @@ MARGIN = 1.1
 # A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
 # again unless its material is all but elastic; down to here its energy is followed closely enough.
 _SLOWEST_BOUNCE = 0.03
-# First and longest step of the collocated contact over its expected duration, and tolerance of a step over rtol:
-# restitution errs by less than that.
+# First and longest step of a collocated contact over the duration of the first one, and tolerance of a step
+# over rtol: restitution errs by less than that, a long train by some ten times.
 _FIRST, _LONGEST, _COLLOCATED_SHARE = 1e-6, 0.34, 0.05
 # Steps that one contact takes, and work that a step may take on average, in updates of one element of one spring.
-_STEPS_PER_CONTACT, _UPDATES_PER_STEP = 200, 20_000
+_STEPS_PER_CONTACT, _UPDATES_PER_STEP = 20, 20_000
 
 #: Units and names of the quantities of an impact, and those of them that a row holds.
 ROWS = {
@@ -74,10 +76,11 @@ class Train:
     rows: list[tuple[float, ...]] = field(default_factory=list)
     final_touch: float = nan
     rest_start: float = nan
-    dent: Dent | None = None
+    dents: Dents = field(init=False)
     stepper: Stepper | None = None
     _begun: Motion | None = None
     _peaks: list[tuple[float, ...]] = field(default_factory=list)
+    _mislaid: float = 0.0
     _worst: float = 0.0
     _deepest: float = 0.0
 
@@ -102,14 +105,15 @@ class Train:
                 f"than max_steps = {setting.max_steps}; shorten the duration, raise max_steps, or give the material a "
                 "loss"
             )
+        self.dents = Dents(creep, has_energy=not setting.rows_only)
+        self.course = None if setting.rows_only else Course(self.times)
         end, touch = setting.duration - setting.fall_time, 0.0
-        self.course = None if setting.rows_only else Course(self.times, end)
         if setting.solver == "rings" or setting.full:
             # Rings touch first at the middle of the innermost, a little after the pole would.
             gap = float(self._step_on(MARGIN * expected.radius).bed.gap[0])
             touch = 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)) if gap else 0.0
         start = Motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
-        self._keep_flight(start, min(touch, end))
+        self._keep_flight(start, min(touch, end), end)
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
             self._fly(touch)
@@ -127,11 +131,10 @@ class Train:
         while True:
             touched, speed = now.time, max(now.velocity, least_speed)
             self._begun = self._begun or copy(now)
-            is_fresh = self.stepper is None and self.dent is None
-            is_fresh = is_fresh and self.setting.plate is None and self.setting.profile == "parabola"
-            if is_fresh and self._collocated(speed):
+            if self.stepper is None and self._collocated(speed, end):
                 outcome, flight = "lift-off", self._time_of_flight()
                 if now.time < end and flight <= 0.0:  # the surface follows at once
+                    self._step_on()
                     continue
             else:
                 stepper, flight = self.stepper or self._step_on(), 0.0
@@ -149,7 +152,7 @@ class Train:
                 return
             self._end_row()
             stop = min(now.time + flight, end)
-            self._keep_flight(copy(now), stop)
+            self._keep_flight(copy(now), stop, end)
             if stop >= end or len(self.rows) == self.most:
                 return
             self._fly(flight)
@@ -157,17 +160,23 @@ class Train:
 
     # -- contacts --------------------------------------------------------------------------------
 
-    def _collocated(self, speed: float) -> bool:
+    def _collocated(self, speed: float, end: float) -> bool:
         """Follow a contact to its lift-off; false if there is none, and nothing has happened then."""
         one, scale = self.setting, self.expected.duration
         steps = _COLLOCATED_SHARE * one.rtol * speed, _LONGEST * scale, _FIRST * scale
-        fall = Fall(one.mass, one.gravity, one.radius, *steps)
-        found = bounce(self.tables, fall, self.now, self.counts, self.course)
+        fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *modal(one.plate), *steps)
+        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts, self.times)
         if found is None:
             return False
-        self.dent, (self._deepest, force, self._worst) = found[0], found[1].tolist()
-        self._look(self.dent.edge)
-        self._peaks.append((force, self.dent.edge, self._deepest, self._deepest))
+        self._look(found.largest)
+        self._mislaid, self._worst = found.mislaid, max(self._worst, found.worst)
+        self._deepest = max(self._deepest, found.deepest)
+        sunk = found.deepest - (self._begun.position if self._begun else 0.0)
+        self._peaks.append((found.peak_force, found.largest, found.peak_approach, sunk))
+        if self.course is not None and found.course is not None:
+            time = found.course["time"]
+            own = np.append(time[time < min(time[-1], end)], min(time[-1], end))
+            self.course.add(partial(stepped, found.course, one, False), own, float(time[-1]))
         return True
 
     def _keep_contact(self, records: Trail, *, is_resting: bool = False) -> None:
@@ -179,6 +188,7 @@ class Train:
         energy = energy + records["spring_work"] + records["plate_loss"]
         if one.plate is not None:
             energy += one.plate.energy(records["plate_displacement"], records["plate_velocity"])
+        self._mislaid = float(energy[-1])
         self._worst = max(self._worst, float(np.abs(energy).max()))
         self._deepest = max(self._deepest, float(np.abs(records["position"]).max()))
         sunk = records["position"] - (self._begun.position if self._begun else 0.0)
@@ -186,8 +196,8 @@ class Train:
         self._peaks.append(tuple(_peak(time, values) for values in looked_at))
         records["surface"] = records["approach"]
         if self.course is not None:
-            at = self.course.instants(time[1:] if is_resting else time, float(time[-1]))
-            self.course.parts.append(stepped(records, one, is_resting, at))
+            own = time[1:] if is_resting else time
+            self.course.add(partial(stepped, records, one, is_resting), own, float(time[-1]))
 
     def _end_row(self) -> None:
         """Write the row of a contact that ended in a flight."""
@@ -210,32 +220,27 @@ class Train:
         self._begun, self._peaks = None, []
 
     def _step_on(self, reach: float | None = None) -> Stepper:
-        """Go on with springs, out to a radius [m] or a little beyond the dent."""
-        reach = reach or MARGIN * (self.dent.edge if self.dent else self.expected.radius)
+        """Go on with springs, out to a radius [m] or to where there are dents."""
+        reach = reach or MARGIN * (self.dents.layers[0].edge if self.dents.layers else self.expected.radius)
         given = self.setting, self.tables.creep, self.expected, self.now, self.counts
         self.stepper = Stepper(*given, self._look, reach)
-        if self.dent is not None:
-            self.stepper.room.memory[:] = self.dent.at(self.stepper.bed.edge)
+        self.stepper.room.memory[:] = self.dents.at(self.stepper.bed.edge)
         return self.stepper
 
     # -- flights ---------------------------------------------------------------------------------
 
     def _free_surface(self) -> tuple[Floats, Floats]:
         """Energy (element,) [J] that the free springs hold, and displacement (element,) [m] at the pole."""
-        if self.stepper is not None:
-            return self.stepper.stored(), self.stepper.room.memory[:, 0].copy()
-        if self.dent is not None:
-            return self.dent.stored(), self.dent.values[:, -1]
-        none = np.zeros(self.tables.creep.rate.size)
-        return none, none
+        if self.stepper is None:
+            return self.dents.stored(), self.dents.centre
+        return self.stepper.stored(), self.stepper.room.memory[:, 0].copy()
 
-    def _keep_flight(self, start: Motion, stop: float) -> None:
+    def _keep_flight(self, start: Motion, stop: float, end: float) -> None:
         """Record a flight without the ends that its neighbours bring."""
         if self.course is not None:
-            own = np.linspace(start.time, stop, FLIGHT_SAMPLES)
-            own = own[(1 if self.rows else 0) : (None if stop >= self.course.end else -1)]
-            surface, rate = self._free_surface(), self.tables.creep.rate
-            self.course.parts.append(flown(start, self.setting, *surface, rate, self.course.instants(own, stop)))
+            own = np.linspace(start.time, stop, FLIGHT_SAMPLES)[(1 if self.rows else 0) : (None if stop >= end else -1)]
+            at = partial(flown, start, self.setting, *self._free_surface(), self.tables.creep.rate)
+            self.course.add(at, own, stop)
 
     def _time_of_flight(self) -> float:
         """Time [s] to the next touch; 0 where the surface follows at once, infinity where no touch is asked for."""
@@ -252,10 +257,10 @@ class Train:
         now.position += (now.velocity + 0.5 * gravity * dt) * dt
         now.velocity += gravity * dt
         now.time += dt
-        if self.stepper is not None:
+        if self.stepper is None:
+            self.dents.relax(dt)
+        else:
             self.stepper.room.memory[:] *= np.exp(-dt * self.tables.creep.rate)[:, None]
-        elif self.dent is not None:
-            self.dent = self.dent.relaxed(dt)
         if plate is not None:
             before = now.plate_displacement, now.plate_velocity
             after = plate.free(*before, dt)

@@ -10,6 +10,7 @@ motion in flight exactly; force, contact radius and energies from monotone cubic
 none leaves the range of its steps.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any
@@ -33,19 +34,28 @@ _LOOKS_PER_PERIOD = 32
 
 @dataclass(slots=True)
 class Course:
-    """Records in ``parts``, stretch by stretch: at instants of their own, or at ``times`` (time,) [s] up to an end."""
+    """Stretches one behind the other: at instants of their own, or at ``times`` (time,) [s] that are asked for."""
 
     times: Floats | None
-    end: float
-    parts: list[Trail] = field(default_factory=list)
-    _begin: float = -np.inf
+    _parts: list[Trail] = field(default_factory=list)
+    _start: float = -np.inf
+    _last: Callable[[Floats], Trail] | None = None
 
-    def instants(self, own: Floats, stop: float) -> Floats:
-        """Instants (time,) [s] of the stretch from the last one's end to ``stop`` [s], whose own are given."""
+    def add(self, at: Callable[[Floats], Trail], own: Floats, end: float) -> None:
+        """Append a stretch up to ``end`` [s]: ``at`` returns its records, ``own`` are its own instants."""
         if self.times is None:
-            return own
-        begin, self._begin = self._begin, stop if stop < self.end else np.inf
-        return self.times[(self.times >= begin) & (self.times < self._begin)]
+            self._parts.append(at(own))
+            return
+        wanted = self.times[(self.times >= self._start) & (self.times < end)]
+        self._start, self._last = end, at
+        if wanted.size:
+            self._parts.append(at(wanted))
+
+    def records(self) -> Trail:
+        """All records (time,)."""
+        if self.times is not None and self._last is not None and np.any(late := self.times >= self._start):
+            self._parts.append(self._last(self.times[late]))
+        return np.concatenate(self._parts)
 
 
 def time_of_flight(start: Motion, gravity: float, dent: Floats, rate: Floats, plate: Plate | None) -> float:

@@ -17,7 +17,10 @@ PMMA15 = Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspac
 # Ting's integral without gravity, scaled units: E0, rho, e, F_max, delta_max, t_c
 SCALED = [
     (0.0, 1.0, 0.236319011, 0.686561928, 1.305792728, 3.230946474),
+    (0.0, 1000.0, 0.998570906, 1.142536690, 1.093536567, 3.217685134),
+    (0.1, 10.0, 0.881421075, 1.081506970, 1.109270307, 3.189504590),
     (0.5, 0.1, 0.888301088, 0.817336991, 1.375703741, 4.187329810),
+    (0.5, 1.0, 0.693615257, 0.920431315, 1.172785021, 3.417446749),
 ]
 
 
@@ -66,8 +69,8 @@ def test_work_of_the_pmma_train_is_bounded(pmma_train):
     work = json.loads(pmma_train.attrs["work"])
     assert work["flights"] == 34
     assert work["terms"] + work["terms_folded"] + work["terms_frozen"] == 15
-    assert work["solver_steps"] / 34 < 450
-    assert work["kernel_products"] < 3.3 * work["solver_steps"]
+    assert work["solver_steps"] / 34 < 30
+    assert work["kernel_products"] < 1.1 * work["solver_steps"]
 
 
 def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
@@ -78,7 +81,7 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
         )
         energy = M * G * 0.0015
         assert float(abs(total - energy).max()) < 1e-13 * energy
-        assert result.attrs["energy_error"] < 0.2 * result.attrs["rtol"]
+        assert result.attrs["energy_error"] < 1e-6
         assert float(abs(result.numerical_energy).max()) < 1e-4 * energy
         assert np.all(np.diff(result.dissipated_energy) >= 0.0)
         assert float(result.dissipated_energy[0]) == 0.0
@@ -101,9 +104,9 @@ def test_signs_and_origin():
 
 
 def test_asked_times_agree_with_the_steps():
-    times = np.linspace(0.0, 0.06, 601)
-    asked = drop(SLS, R, M, 0.0015, 0.06, rtol=1e-5, times=times)
-    fine = drop(SLS, R, M, 0.0015, 0.06, rtol=1e-7, times=times)
+    times = np.linspace(0.0, 0.12, 1201)
+    asked = drop(SLS, R, M, 0.0015, 0.12, rtol=1e-5, times=times)
+    fine = drop(SLS, R, M, 0.0015, 0.12, rtol=1e-7, times=times)
     in_contact = fine.force.values > 1.0
     for name, scale in (("displacement", 7e-5), ("velocity", 0.17), ("force", 257.0)):
         error = np.abs(asked[name].values - fine[name].values)[in_contact]
@@ -136,7 +139,7 @@ def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
     assert float(light.rigid_restitution) == pytest.approx(float(rigid.restitution[0]))
     total = sum(light[name] for name in light.data_vars if name.endswith("_energy"))
     assert float(abs(total - M * G * 0.0015).max()) < 1e-12 * M * G * 0.0015
-    assert light.attrs["energy_error"] < 0.2 * light.attrs["rtol"]
+    assert light.attrs["energy_error"] < 1e-6
 
 
 def test_the_contact_may_outgrow_its_springs():

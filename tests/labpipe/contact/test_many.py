@@ -12,7 +12,7 @@ from labpipe.materials import Prony
 SOLID = Prony(1e9, [1e9, 5e8, 2e8], [1e-5, 5e-4, 1e-2], nu=0.35)
 LIQUID = Prony(0.0, [2e9, 1e9], [1e-3, 1e-2], nu=0.35)
 R, MASS = 9.525e-3, 0.505
-HEIGHTS = [0.5e-3, 4e-3]
+HEIGHTS = [0.5e-3, 1.5e-3, 4e-3]
 NAMES = ("impact_time", "lift_off_time", "contact_duration", "impact_speed", "rebound_speed", "restitution")
 PEAKS = ("peak_force", "peak_contact_radius", "peak_approach", "penetration")
 
@@ -40,11 +40,11 @@ def test_each_is_as_if_dropped_alone(material, plate, profile):
 
 
 def test_each_may_have_its_own_of_everything():
-    solids, radii, masses = [SOLID, LIQUID], [5e-3, "9.525 mm"], ["100 g", 0.3]
-    plates = [None, Plate(20.0, 180.0, 0.02)]
-    found = impacts(solids, radii, masses, HEIGHTS, [0.03, 0.08], plate=plates, gravity=[9.8, 9.81])
+    solids, radii, masses = [SOLID, LIQUID, SOLID], [5e-3, 8e-3, "9.525 mm"], ["100 g", 0.3, 0.505]
+    plates = [None, Plate(20.0, 180.0, 0.02), None]
+    found = impacts(solids, radii, masses, HEIGHTS, [0.03, 0.04, 0.08], plate=plates, gravity=[9.8, 9.81, 9.82])
     for i, (solid, r, m, h, t, plate, g) in enumerate(
-        zip(solids, radii, masses, HEIGHTS, [0.03, 0.08], plates, [9.8, 9.81], strict=True)
+        zip(solids, radii, masses, HEIGHTS, [0.03, 0.04, 0.08], plates, [9.8, 9.81, 9.82], strict=True)
     ):
         alone = drop(solid, r, m, h, t, plate=plate, gravity=g)
         assert float(found["restitution"][i, 0]) == pytest.approx(float(alone["restitution"][0]), rel=1e-4)

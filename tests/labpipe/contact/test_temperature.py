@@ -5,7 +5,7 @@ import pytest
 
 from labpipe import contact, materials
 
-RADIUS, MASS, HEIGHT, GRAVITY, LASTS = 9.525e-3, 0.505, 1.5e-3, 9.81, 0.03
+RADIUS, MASS, HEIGHT, GRAVITY, LASTS = 9.525e-3, 0.505, 1.5e-3, 9.81, 0.08
 
 
 @pytest.mark.parametrize(("a_T", "b_T"), [(0.1363, 1.0), (0.5, 0.8)])
@@ -20,7 +20,7 @@ def test_a_shifted_impact_is_the_same_impact_on_another_scale(a_T: float, b_T: f
     there = contact.drop(
         solid.shifted(a_T, b_T), a_T * RADIUS, a_T**3 * b_T * MASS, a_T * HEIGHT, a_T * LASTS, gravity=GRAVITY / a_T
     )
-    assert here.sizes["impact"] == there.sizes["impact"] == 1
+    assert here.sizes["impact"] == there.sizes["impact"] == 2
     scales = {
         "restitution": 1.0,
         "impact_speed": 1.0,
