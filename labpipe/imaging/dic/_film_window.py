@@ -57,7 +57,7 @@ def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None)
     import cv2
 
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(4.0 * blur)) + 1, blur, cv2.CV_32F)
-    pixels = np.ascontiguousarray(image, np.uint8 if image.dtype == np.uint8 else np.float32)
+    pixels = np.ascontiguousarray(image, image.dtype if image.dtype == np.uint8 else np.float32)
     cv2.sepFilter2D(pixels, cv2.CV_32F, kernel, kernel, out, borderType=cv2.BORDER_REFLECT_101)
     return out
 

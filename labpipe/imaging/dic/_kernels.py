@@ -1,7 +1,6 @@
 """Compiled loops of the subset solver: interpolation along rows, normal equations, Gauss–Newton iteration.
 
-All of them are in one file because compiled code is cached by file: a change to one of them must
-recompile those that contain it. Importing this module imports numba.
+Importing this module imports numba.
 """
 
 import math
@@ -26,6 +25,7 @@ _MOST_RELAXATION = 4.0
 _OFF = 0.01
 # Share of its uncertainty that may be left of a displacement: it adds less than 1 % of the variance.
 _NEGLIGIBLE = 0.03
+_Weights = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
 _Buffers = tuple[Floats32, Floats32, Floats32, Integers, Floats32, Floats32, Floats32]
 # Sums over a subset may be reordered and fused; NaN must still compare as NaN.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
@@ -64,56 +64,25 @@ def _sample_row(
         fx = np.float32(left_x)
         fy = np.float32(left_y)
         out = result[done:]
-        if order == 3:
-            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, out)
-        else:
-            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, out)
+        _sample_run(coefficients, order, row - 2, column - 2, fx, fy, dx, dy, lanes, out)
         done += count
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """Cubic B-spline at t + 1, t, 1 - t, 2 - t."""
+def _cubic_weights(t: np.float32) -> _Weights:
+    """Cubic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t, of which the first and the last are 0."""
+    zero = np.float32(0.0)
     one = np.float32(1.0)
     sixth = np.float32(1.0 / 6.0)
     s = one - t
     w0 = s * s * s * sixth
     w3 = t * t * t * sixth
     w1 = np.float32(2.0 / 3.0) + t * t * (np.float32(0.5) * t - one)
-    return w0, w1, one - w0 - w1 - w3, w3
+    return zero, w0, w1, one - w0 - w1 - w3, w3, zero
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _sample_cubic(
-    coefficients: Floats32,
-    row: int,
-    column: int,
-    fx: np.float32,
-    fy: np.float32,
-    dx: np.float32,
-    dy: np.float32,
-    lanes: np.uint64,
-    out: Floats32,
-) -> None:
-    """Evaluate the cubic spline for a run of pixels."""
-    c0 = coefficients[row, column:]
-    c1 = coefficients[row + 1, column:]
-    c2 = coefficients[row + 2, column:]
-    c3 = coefficients[row + 3, column:]
-    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
-    for k in range(lanes):
-        step = np.float32(np.int32(k))
-        a0, a1, a2, a3 = _cubic_weights(fx + dx * step)
-        b0, b1, b2, b3 = _cubic_weights(fy + dy * step)
-        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2] + a3 * c0[k + i3]
-        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2] + a3 * c1[k + i3]
-        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2] + a3 * c2[k + i3]
-        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2] + a3 * c3[k + i3]
-        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
+def _quintic_weights(t: np.float32) -> _Weights:
     """Quintic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t."""
     one = np.float32(1.0)
     s = one - t
@@ -137,10 +106,7 @@ def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32,
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _product(
-    lines: tuple[Floats32, Floats32, Floats32, Floats32, Floats32, Floats32],
-    k: np.uint64,
-    a: tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32],
-    b: tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32],
+    lines: tuple[Floats32, Floats32, Floats32, Floats32, Floats32, Floats32], k: np.uint64, a: _Weights, b: _Weights
 ) -> np.float32:
     """Sum of 36 coefficients from place ``k`` of six lines, weighted along (a) and across (b) the lines."""
     c0, c1, c2, c3, c4, c5 = lines
@@ -156,8 +122,9 @@ def _product(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _sample_quintic(
+def _sample_run(
     coefficients: Floats32,
+    order: int,
     row: int,
     column: int,
     fx: np.float32,
@@ -167,7 +134,7 @@ def _sample_quintic(
     lanes: np.uint64,
     out: Floats32,
 ) -> None:
-    """Evaluate the quintic spline for a run of pixels."""
+    """Evaluate the spline for a run of pixels whose coefficients begin at (row, column)."""
     c0 = coefficients[row, column:]
     c1 = coefficients[row + 1, column:]
     c2 = coefficients[row + 2, column:]
@@ -175,9 +142,14 @@ def _sample_quintic(
     c4 = coefficients[row + 4, column:]
     c5 = coefficients[row + 5, column:]
     lines = (c0, c1, c2, c3, c4, c5)
-    for k in range(lanes):
-        step = np.float32(np.int32(k))
-        out[k] = _product(lines, k, _quintic_weights(fx + dx * step), _quintic_weights(fy + dy * step))
+    if order == 3:
+        for k in range(lanes):
+            step = np.float32(np.int32(k))
+            out[k] = _product(lines, k, _cubic_weights(fx + dx * step), _cubic_weights(fy + dy * step))
+    else:
+        for k in range(lanes):
+            step = np.float32(np.int32(k))
+            out[k] = _product(lines, k, _quintic_weights(fx + dx * step), _quintic_weights(fy + dy * step))
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -187,13 +159,8 @@ def _sample_shifted(
     """Interpolate a subset that is only shifted, its first pixel to (x, y): along the rows, then down the columns."""
     column, row = math.floor(x), math.floor(y)
     fx, fy = np.float32(x - column), np.float32(y - row)
-    if order == 3:
-        a0 = a5 = b0 = b5 = np.float32(0.0)
-        a1, a2, a3, a4 = _cubic_weights(fx)
-        b1, b2, b3, b4 = _cubic_weights(fy)
-    else:
-        a0, a1, a2, a3, a4, a5 = _quintic_weights(fx)
-        b0, b1, b2, b3, b4, b5 = _quintic_weights(fy)
+    a0, a1, a2, a3, a4, a5 = _cubic_weights(fx) if order == 3 else _quintic_weights(fx)
+    b0, b1, b2, b3, b4, b5 = _cubic_weights(fy) if order == 3 else _quintic_weights(fy)
     i1, i2, i3, i4, i5 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4), np.uint64(5)
     for line in range(len(across) // pitch):
         c = coefficients[row - 2 + line, column - 2 :]
@@ -234,16 +201,10 @@ def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
 @njit(cache=True, nogil=True)
 def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
     """Whether the four corners of the moved subset lie in the window."""
-    for sj in (-1.0, 1.0):
-        for si in (-1.0, 1.0):
-            j = sj * half
-            i = si * half
-            cx = x + j + p[0] + p[1] * j + p[2] * i
-            cy = y + i + p[3] + p[4] * j + p[5] * i
-            # Written so that NaN is outside.
-            if not (window[0] <= cx <= window[1] and window[2] <= cy <= window[3]):
-                return False
-    return True
+    across, down = half * (abs(1.0 + p[1]) + abs(p[2])), half * (abs(p[4]) + abs(1.0 + p[5]))
+    # Written so that NaN is outside.
+    is_between = window[0] <= x + p[0] - across and x + p[0] + across <= window[1]
+    return is_between and window[2] <= y + p[3] - down and y + p[3] + down <= window[3]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)

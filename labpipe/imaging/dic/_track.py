@@ -54,8 +54,8 @@ def track(
         default it is rigid, and affine in the frames in which the residual shows a stretch. A rigid
         subset on a stiff body has the least noise; a large one averages over the body.
     order : 5 or 3
-        Quintic or cubic spline interpolation. Cubic takes a tenth less time and has five times the
-        interpolation bias (about 0.001 px on speckles of usual size).
+        Quintic or cubic spline interpolation. Cubic has five times the interpolation bias (about 0.001 px on
+        speckles of usual size) and takes about as long.
     static_frames : int
         Frames at the start of the film in which nothing moves. Their mean is the reference;
         64 of them lower the noise by 29 % against one.

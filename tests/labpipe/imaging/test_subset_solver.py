@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from labpipe.imaging.dic._kernels import AFFINE, RIGID, _gauss_newton_step, _sample_cubic, _sample_quintic
+from labpipe.imaging.dic._kernels import AFFINE, RIGID, _gauss_newton_step, _sample_run
 from labpipe.imaging.dic._solver import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, Solution, solve
 from labpipe.imaging.dic._spline import node_gradients, prefilter
 from labpipe.imaging.dic._subsets import Subsets, cut_subsets
@@ -159,16 +159,17 @@ def test_step_gain_and_residual_are_those_of_least_squares() -> None:
 
 @pytest.mark.parametrize("fx", [0.02, 0.93])
 @pytest.mark.parametrize("fy", [0.04, 0.98])
-@pytest.mark.parametrize(("sample", "order"), [(_sample_cubic, 3), (_sample_quintic, 5)])
-def test_samples_are_sums_of_splines(sample, order: int, fx: float, fy: float) -> None:
+@pytest.mark.parametrize("order", [3, 5])
+def test_samples_are_sums_of_splines(order: int, fx: float, fy: float) -> None:
     """Every coefficient has its weight, the corners too: the product of B-splines by scipy."""
     random, lanes = np.random.default_rng(order), 4
-    coefficients = random.uniform(10.0, 200.0, (order + 3, order + 9)).astype(np.float32)
+    coefficients = random.uniform(10.0, 200.0, (8, 14)).astype(np.float32)
     spline = BSpline.basis_element(np.arange(order + 2.0))
     dx, dy = 0.02, -0.01
     out = np.zeros(lanes, np.float32)
     place = (np.float32(v) for v in (fx, fy, dx, dy))
-    sample(coefficients, 1, 2, *place, np.uint64(lanes), out)
+    first = (5 - order) // 2
+    _sample_run(coefficients, order, 1 - first, 2 - first, *place, np.uint64(lanes), out)
     for k in range(lanes):
         a, b = (spline(np.arange(order, -1, -1) + f + d * k) for f, d in ((fx, dx), (fy, dy)))
         exact = b @ coefficients[1 : order + 2, 2 + k : order + 3 + k].astype(float) @ a
