@@ -103,13 +103,13 @@ def drops(points: Sequence[Point]) -> list[Outputs]:
         of = {name: [point[name] for point in some] for name in some[0]}
         plates = zip(of["plate_mass"], of["plate_frequency"], of["plate_damping"], strict=True)
         falls = zip(of["height"], of["gravity"], of["after_touch"], strict=True)
+        bodies: dict[str, Any] = {name: of[name] for name in ("radius", "mass", "height", "gravity")}
         made = contact.impacts(
             [solids[material(point)] for point in some],
-            *(of[name] for name in ("radius", "mass", "height")),
-            [float(np.sqrt(2.0 * height / gravity)) + after for height, gravity, after in falls],
+            duration=[float(np.sqrt(2.0 * height / gravity)) + after for height, gravity, after in falls],
             rtol=rtol,
-            gravity=of["gravity"],
             plate=[contact.Plate(*plate) if plate[0] > 0.0 else None for plate in plates],
+            **bodies,
         )
         for i in np.flatnonzero(made["impacts"].values == 0):
             raise ValueError(f"the sphere has not left within {of['after_touch'][i]:g} s; raise after_touch")
