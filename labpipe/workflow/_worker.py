@@ -243,9 +243,9 @@ class _Run:
                     if describe_file(self.job.session.files, known["name"], self.store.index) != known:
                         problem = "still being written: its content changed while it was read"
                         hint = "wait until it is complete, or copy it here first, and run again"
-                        error = SourceError(known["name"], problem, hint=hint)
-                        error.is_of_run = True  # the same file may be whole the next time
-                        raise error
+                        changed = SourceError(known["name"], problem, hint=hint)
+                        changed.is_of_run = True  # the same file may be whole the next time
+                        raise changed
         found = Counter(
             (warning.category.__name__, self._relative(str(warning.message)))
             for warning in raised
