@@ -1,7 +1,7 @@
 """Viscoelastic contact: indentation and impact.
 
 The room holds two integrators of an impact. Contacts up to a lift-off are collocated, which reaches 1e-7 in the time of
-1e-4 and does batches of bounces. Rings, contacts that grow again, rest and static loads are stepped: by that, 1e-7 would
+1e-4 and does batches of bounces. Rings, contacts that grow again, rest and static loads are stepped: 1e-7 would then
 take fifty times as long, and late bounces on a light plate lose digits.
 """
 

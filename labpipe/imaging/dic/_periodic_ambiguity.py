@@ -48,7 +48,7 @@ def best_repetition(image: Floats32, coefficients: Floats32, order: int, subsets
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _search(image: Floats32, layout: Integers, result: Floats, start: Floats) -> None:
     """Best repetition of every subset in whole pixels: its correlation, and its displacement as a start."""
     rows, columns = image.shape
@@ -57,9 +57,17 @@ def _search(image: Floats32, layout: Integers, result: Floats, start: Floats) ->
         inner, reach = min(max(_TEMPLATE, half // 2), half), min(half, _FARTHEST)
         left, right = max(-reach, inner - x), min(reach, columns - 1 - inner - x)
         top, bottom = max(-reach, inner - y), min(reach, rows - 1 - inner - y)
-        area = image[y + top - inner : y + bottom + inner + 1, x + left - inner : x + right + inner + 1]
+        height, pitch, mean = bottom - top + 2 * inner + 1, right - left + 2 * inner + 1, 0.0
+        grey = np.zeros(height * pitch + 4, np.float32)  # a sum of five products reads past the end
+        for i in range(height):
+            for j in range(pitch):
+                grey[i * pitch + j] = image[y + top - inner + i, x + left - inner + j]
+                mean += grey[i * pitch + j]
+        mean /= height * pitch
+        for q in range(height * pitch):
+            grey[q] -= mean
         scores = np.zeros((bottom - top + 1, right - left + 1))
-        _correlate(area - np.mean(area), inner, -left, -top, scores)
+        _correlate(grey, pitch, inner, -left, -top, scores)
         _clear(scores, -left, -top)
         for i in range(len(scores)):
             for j in range(scores.shape[1]):
@@ -68,55 +76,66 @@ def _search(image: Floats32, layout: Integers, result: Floats, start: Floats) ->
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _correlate(area: Floats32, inner: int, x: int, y: int, scores: Floats) -> None:
-    """Correlate the square of half width ``inner`` at place (x, y) of the scores with all places in the area.
+def _correlate(grey: Floats32, pitch: int, inner: int, x: int, y: int, scores: Floats) -> None:
+    """Correlate the square of half width ``inner`` at place (x, y) of the scores with all places in an area.
 
-    Scores below half of the maximum stay 0. Of a large square lines are left out, down to the pixels of the least
-    one. Lines of the area follow each other in memory, so that one long loop shifts all of it.
+    The lines of the area, ``pitch`` long, follow each other in ``grey``, so that one long loop shifts all of it. Scores
+    below half of the maximum stay 0. Of a large square lines are left out, down to the pixels of the least one.
     """
-    size, pitch = 2 * inner + 1, area.shape[1]
-    lines = np.arange(0, size, size * size // (2 * _TEMPLATE + 1) ** 2 or 1)
-    template = np.zeros((len(lines), size + 4), np.float32)
-    for m in range(len(lines)):
-        template[m, :size] = area[y + lines[m], x : x + size]
-    template[:, :size] -= np.mean(template[:, :size])
-    energy, pixels = np.sum(template * template), len(lines) * size
-    grey = np.zeros(area.size + 4, np.float32)
-    grey[: area.size] = area.reshape(-1)
-    products, sums, squares = np.zeros((3, len(scores) * pitch), np.float32)
+    size, length = 2 * inner + 1, len(scores) * pitch
+    step = max(size * size // (2 * _TEMPLATE + 1) ** 2, 1)
+    count = (size + step - 1) // step
+    pixels = count * size
+    template, mean, energy = np.zeros((count, size + 4), np.float32), 0.0, 0.0
+    for m in range(count):
+        for j in range(size):
+            template[m, j] = grey[(y + m * step) * pitch + x + j]
+            mean += template[m, j] / pixels
+    for m in range(count):
+        for j in range(size):
+            template[m, j] -= mean
+            energy += template[m, j] * template[m, j]
+    products, sums, squares = (np.zeros(length, np.float32), np.zeros(length, np.float32), np.zeros(length, np.float32))
     i1, i2, i3, i4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
-    for m in range(len(lines)):
-        v = grey[lines[m] * pitch :]
-        for q in range(np.uint64(len(sums))):
+    for m in range(count):
+        v = grey[m * step * pitch :]
+        for q in range(np.uint64(length)):
             sums[q] += v[q]
             squares[q] += v[q] * v[q]
         for j in range(0, size, 5):
-            t0, t1, t2, t3, t4 = template[m, j : j + 5]
-            v = grey[lines[m] * pitch + j :]
-            for q in range(np.uint64(len(products) - size + 1)):
+            t0, t1, t2 = template[m, j], template[m, j + 1], template[m, j + 2]
+            t3, t4 = template[m, j + 3], template[m, j + 4]
+            v = grey[m * step * pitch + j :]
+            for q in range(np.uint64(length - size + 1)):
                 products[q] += t0 * v[q] + t1 * v[q + i1] + t2 * v[q + i2] + t3 * v[q + i3] + t4 * v[q + i4]
     for i in range(len(scores)):
-        first = i * pitch
-        total, square = np.sum(sums[first : first + size - 1]), np.sum(squares[first : first + size - 1])
-        for q in range(first, first + scores.shape[1]):
+        total = square = 0.0
+        for q in range(i * pitch, i * pitch + size - 1):
+            total, square = total + sums[q], square + squares[q]
+        for k in range(scores.shape[1]):
+            q = i * pitch + k
             total, square = total + sums[q + size - 1], square + squares[q + size - 1]
             spread = energy * (square - total * total / pixels)
             if products[q] > 0.0 and products[q] * products[q] > _HALF_MAXIMUM**2 * spread > 0.0:
-                scores[i, q - first] = products[q] / math.sqrt(spread)
+                scores[i, k] = products[q] / math.sqrt(spread)
             total, square = total - sums[q], square - squares[q]
 
 
 @njit(cache=True, nogil=True)
 def _clear(scores: Floats, x: int, y: int) -> None:
     """Set the peak around a place, down to its half maximum, to zero."""
-    waiting = [(y, x)]
-    while waiting:
-        y, x = waiting.pop()
-        for i in range(max(y - 1, 0), min(y + 2, scores.shape[0])):
-            for j in range(max(x - 1, 0), min(x + 2, scores.shape[1])):
+    columns, count = scores.shape[1], 1
+    waiting = np.empty(scores.size + 1, np.int64)
+    waiting[0] = y * columns + x
+    while count:
+        count -= 1
+        y, x = waiting[count] // columns, waiting[count] % columns
+        for i in range(max(y - 1, 0), min(y + 2, len(scores))):
+            for j in range(max(x - 1, 0), min(x + 2, columns)):
                 if scores[i, j] > 0.0:
                     scores[i, j] = 0.0
-                    waiting.append((i, j))
+                    waiting[count] = i * columns + j
+                    count += 1
 
 
 def is_ambiguous(zncc: Floats, repetition: Floats, min_zncc: float) -> Flags:
