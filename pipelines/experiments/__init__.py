@@ -4,7 +4,8 @@ A room holds, as far as they apply, ``kind.py`` (the object ``KIND``), ``setting
 session.toml), ``measured.py``, ``model.py`` and ``comparison.py`` (stages: pure functions
 from Datasets and frozen settings to a Dataset), ``budget.py`` (uncertain inputs of the main
 quantities), ``evidence.py`` (evidence on a material), ``proposal.py`` (for ``init``) and ``page.py``
-(the report). Parts of several kinds are in :mod:`pipelines.experiments.shared`.
+(the report). Parts of several kinds are in :mod:`pipelines.experiments.shared`: the checks of four instruments, each of
+which alone catches a mistake that laboratories have reported, with causes, models, and sections of pages.
 
 ``KINDS`` maps every name to its kind: ours, then those of other distributions by the entry point
 group ``labpipe.kinds``; ``ADDED`` lists those, with the reason if one is left out. Both are made at the

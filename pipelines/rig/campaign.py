@@ -41,7 +41,6 @@ HEATED = 39.0
 _THERMOMETER = 0.4  # K
 _TIMES_OF_FALL = {"acrylic": 22.0, "nylon": 16.0, "peek": 56.0, "ptfe": 4.0}
 """After so many a sphere is about at rest, from whatever height."""
-
 _AT_REST, _WHOLE = 0.2, 0.05
 """s that are recorded of it then, and of which a record's length is a multiple."""
 

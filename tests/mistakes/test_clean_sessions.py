@@ -17,8 +17,6 @@ from pipelines.rig import sample
 from pipelines.session import derive, opened, verdict
 from tests.pipelines.deviations import write_specimens
 
-_SEEDS = 101, 102, 103
-
 
 @pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore")
@@ -34,12 +32,17 @@ def test_clean_sessions_are_believed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("thesis-small", marks=pytest.mark.slow), pytest.param("thesis", marks=pytest.mark.nightly)]
+    ("name", "seeds"),
+    [
+        pytest.param("thesis-small", (101,), marks=pytest.mark.slow),
+        pytest.param("thesis-small", (102, 103), marks=pytest.mark.nightly),
+        pytest.param("thesis", (101, 102, 103), marks=pytest.mark.nightly),
+    ],
 )
 @pytest.mark.filterwarnings("ignore")
-def test_three_campaigns_are_believed_and_agree(name: str, tmp_path: Path) -> None:
+def test_campaigns_are_believed_and_agree(name: str, seeds: Sequence[int], tmp_path: Path) -> None:
     p, radii, root_mean_squares = list[float](), list[float](), list[float]()
-    for seed in _SEEDS:
+    for seed in seeds:
         sample(name, folder := tmp_path / str(seed), seed=seed)
         found = verdict(folder, ("judgement",)).experiments
         assert [one for one in found if one.believable != "yes" or one.model == "differs"] == [], seed
