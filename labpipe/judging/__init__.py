@@ -4,8 +4,8 @@
 :func:`not_made`) and ranks the mistakes that would explain them (:class:`Cause`). :func:`agreement` compares measured
 with predicted values, with their whole covariance, :func:`along_curve` a curve in :func:`stretches`;
 :func:`detectable` and :func:`fitted_errors` give the error of each input that would have shown, and that would explain
-a difference. Levels follow QARTOD: pass, not evaluated, suspect, fail. Names are loaded when first used. The room holds the
-statistics of whole curves and of stated values beside those of single checks.
+a difference. Levels follow QARTOD: pass, not evaluated, suspect, fail. Names are loaded when first used.
+The room holds the statistics of whole curves and of stated values beside those of single checks.
 """
 
 from typing import TYPE_CHECKING

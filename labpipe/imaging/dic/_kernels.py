@@ -41,8 +41,7 @@ def _sample_row(
     such a run all taps lie side by side in memory and the loop becomes vector instructions.
     """
     done = 0
-    dx = np.float32(step_x)
-    dy = np.float32(step_y)
+    dx, dy = np.float32(step_x), np.float32(step_y)
     while done < width:
         px = x + (1.0 + step_x) * done
         py = y + step_y * done

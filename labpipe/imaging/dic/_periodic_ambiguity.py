@@ -57,15 +57,11 @@ def _search(image: Floats32, layout: Integers, result: Floats, start: Floats) ->
         inner, reach = min(max(_TEMPLATE, half // 2), half), min(half, _FARTHEST)
         left, right = max(-reach, inner - x), min(reach, columns - 1 - inner - x)
         top, bottom = max(-reach, inner - y), min(reach, rows - 1 - inner - y)
-        height, pitch, mean = bottom - top + 2 * inner + 1, right - left + 2 * inner + 1, 0.0
+        height, pitch = bottom - top + 2 * inner + 1, right - left + 2 * inner + 1
         grey = np.zeros(height * pitch + 4, np.float32)  # a sum of five products reads past the end
         for i in range(height):
             for j in range(pitch):
-                grey[i * pitch + j] = image[y + top - inner + i, x + left - inner + j]
-                mean += grey[i * pitch + j]
-        mean /= height * pitch
-        for q in range(height * pitch):
-            grey[q] -= mean
+                grey[i * pitch + j] = image[y + top - inner + i, x + left - inner + j] - image[y, x]
         scores = np.zeros((bottom - top + 1, right - left + 1))
         _correlate(grey, pitch, inner, -left, -top, scores)
         _clear(scores, -left, -top)
@@ -85,17 +81,14 @@ def _correlate(grey: Floats32, pitch: int, inner: int, x: int, y: int, scores: F
     size, length = 2 * inner + 1, len(scores) * pitch
     step = max(size * size // (2 * _TEMPLATE + 1) ** 2, 1)
     count = (size + step - 1) // step
-    pixels = count * size
-    template, mean, energy = np.zeros((count, size + 4), np.float32), 0.0, 0.0
+    pixels, mean, energy = count * size, 0.0, 0.0
+    template = np.zeros((count, size + 4), np.float32)
     for m in range(count):
         for j in range(size):
             template[m, j] = grey[(y + m * step) * pitch + x + j]
-            mean += template[m, j] / pixels
-    for m in range(count):
-        for j in range(size):
-            template[m, j] -= mean
-            energy += template[m, j] * template[m, j]
-    products, sums, squares = (np.zeros(length, np.float32), np.zeros(length, np.float32), np.zeros(length, np.float32))
+            mean, energy = mean + template[m, j] / pixels, energy + template[m, j] * template[m, j]
+    energy -= pixels * mean * mean
+    products, sums, squares = np.zeros((3, length), np.float32)
     i1, i2, i3, i4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
     for m in range(count):
         v = grey[m * step * pitch :]
@@ -103,8 +96,7 @@ def _correlate(grey: Floats32, pitch: int, inner: int, x: int, y: int, scores: F
             sums[q] += v[q]
             squares[q] += v[q] * v[q]
         for j in range(0, size, 5):
-            t0, t1, t2 = template[m, j], template[m, j + 1], template[m, j + 2]
-            t3, t4 = template[m, j + 3], template[m, j + 4]
+            t0, t1, t2, t3, t4 = template[m, j : j + 5]
             v = grey[m * step * pitch + j :]
             for q in range(np.uint64(length - size + 1)):
                 products[q] += t0 * v[q] + t1 * v[q + i1] + t2 * v[q + i2] + t3 * v[q + i3] + t4 * v[q + i4]
@@ -115,9 +107,9 @@ def _correlate(grey: Floats32, pitch: int, inner: int, x: int, y: int, scores: F
         for k in range(scores.shape[1]):
             q = i * pitch + k
             total, square = total + sums[q + size - 1], square + squares[q + size - 1]
-            spread = energy * (square - total * total / pixels)
-            if products[q] > 0.0 and products[q] * products[q] > _HALF_MAXIMUM**2 * spread > 0.0:
-                scores[i, k] = products[q] / math.sqrt(spread)
+            spread, common = energy * (square - total * total / pixels), products[q] - mean * total
+            if common > 0.0 and common * common > _HALF_MAXIMUM**2 * spread > 0.0:
+                scores[i, k] = common / math.sqrt(spread)
             total, square = total - sums[q], square - squares[q]
 
 

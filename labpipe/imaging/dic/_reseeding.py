@@ -72,10 +72,7 @@ class Recovery:
         return np.asarray(np.hypot(*(self._attempt.motion - self._expected)[:, [0, 3]].T))
 
     def _refuse_lone_matches(self) -> None:
-        """Distrust matches far from their prediction that no trusted neighbour supports.
-
-        Without any other point, a match must correlate as well as the point did before.
-        """
+        """Distrust far matches that no trusted neighbour supports or, without any, the correlation of before."""
         attempt, tracker = self._attempt, self._tracker
         far = attempt.trusted & ((self._jumped() > SURPRISE) | ~tracker.is_tracked)
         if not far.any():

@@ -150,10 +150,7 @@ def make_dataset(
 
 
 def _origin(place: Floats, status: NDArray[np.int8], is_static: Flags) -> Floats:
-    """Mean (point, 3) of displacement and rotation over the static frames, and a warning where these move.
-
-    A point that no static frame shows has no origin to count its displacement from: it becomes lost.
-    """
+    """Mean (point, 3) of the motion over the static frames, with a warning where they move; unseen points are lost."""
     seen = is_static[:, None] & (status == Status.OK)
     count = seen.sum(axis=0)
     without = count == 0

@@ -188,10 +188,7 @@ class Tracker:
         return attempt
 
     def _is_strained(self, chosen: Integers, found: Solution) -> bool:
-        """Tell a specimen that strains: a quarter of its subsets show it, where noise alone lets one in twenty.
-
-        Then all of them are solved as affine ones, including those that do not show it for themselves.
-        """
+        """Tell a specimen that strains: a quarter of its subsets show it, by noise alone one in twenty."""
         asked = (self.reference.subsets.shape[chosen] == AUTO) & (found.code == SOLVED)
         count, shown = int(asked.sum()), int(found.is_affine[asked].sum())
         return 0.25 * count < shown < count
