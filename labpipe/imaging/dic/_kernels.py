@@ -264,8 +264,7 @@ def _gauss_newton_step(
 ) -> float:
     """Step, gain, residual and correlation from the sums; fall of the residual, -1 when nothing is alike.
 
-    The sums of steepest-descent images become the slopes of the criterion. The last step is not evaluated again: by
-    how much it lowers the residual is known.
+    The sums become the slopes of the criterion. By how much the last step lowers the residual is known without another.
     """
     energy, pixels = level[1], level[2]
     average = sums[0] / pixels
