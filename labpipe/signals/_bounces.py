@@ -285,7 +285,8 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for k, (name, (unit, label)) in enumerate(LABELS.items()):
         values = [impact.value[k] * (direction if name.endswith("_level") else 1) for impact in impacts]
-        found |= with_u(name, "impact", values, [np.sqrt(impact.covariance[k, k]) for impact in impacts], unit, label)
+        u = [np.sqrt(max(impact.covariance[k, k], 0.0)) for impact in impacts]  # rounding may leave less than none
+        found |= with_u(name, "impact", values, u, unit, label)
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             shared = [np.linalg.norm(impact.by_shape[k]) for impact in impacts]

@@ -217,12 +217,7 @@ class _Run:
 
     def _call(self, task: Task, key: Key) -> tuple[Any, tuple[Caught, ...]]:
         """Call the function, and refuse its result where a file has changed before it returned or failed."""
-        module, _, name = task.stage.function.partition(":")
-        try:
-            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, SyntaxError) as error:
-            text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
-            raise StageError(text) from error
+        function = _import(task)
         arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
         settings = self.job.session.experiments[task.id.experiment].settings
         keywords: dict[str, Any] = {"settings": settings}
@@ -287,3 +282,14 @@ class _Run:
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(Kept(*of[name], code_changed(keys[name].kept)) for name in behind if keys[name].kept),
         )
+
+
+def _import(task: Task) -> Callable[..., Any]:
+    """Return the function of a task."""
+    module, _, name = task.stage.function.partition(":")
+    try:
+        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, SyntaxError) as error:
+        text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
+        raise StageError(text) from error
+    return function
