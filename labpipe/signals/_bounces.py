@@ -285,8 +285,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for k, (name, (unit, label)) in enumerate(LABELS.items()):
         values = [impact.value[k] * (direction if name.endswith("_level") else 1) for impact in impacts]
-        u = [np.sqrt(max(impact.covariance[k, k], 0.0)) for impact in impacts]  # rounding may leave less than none
-        found |= with_u(name, "impact", values, u, unit, label)
+        found |= with_u(name, "impact", values, [impact.u[k] for impact in impacts], unit, label)
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             shared = [np.linalg.norm(impact.by_shape[k]) for impact in impacts]
@@ -326,7 +325,7 @@ def _release(
 ) -> dict[str, Any]:
     """Release: where the falling arc has no speed. First contact: the first touch."""
     touch, contact = float(impact.value[0]), float(impact.value[4])
-    u_touch, u_contact = np.sqrt(np.diag(impact.covariance)[[0, 4]]).tolist()
+    u_touch, u_contact = impact.u[[0, 4]].tolist()
 
     def fallen(start: int) -> tuple[Floats, Floats]:
         part = slice(start, int(np.searchsorted(time, touch)))

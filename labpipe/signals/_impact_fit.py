@@ -72,6 +72,11 @@ class ImpactFit:
     n_evaluations: int
     unread: tuple[float, float] | None = None
 
+    @property
+    def u(self) -> Floats:
+        """Standard uncertainties (output,); a variance that rounding leaves below zero is none."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+
 
 LABELS = {
     "touch_time": ("s", "time of touch"),

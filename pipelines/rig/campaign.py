@@ -26,11 +26,10 @@ from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
-from pipelines.rig.indentations import TIP_RADIUS, Harmonic
-from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG, plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
-from pipelines.rig.relaxations import TESTER, Relaxation
+from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.solids import ROOM, SAPPHIRE, SOLIDS, Viscoelastic, specimen_of
 from pipelines.rig.static_loading import StaticRig, record_static
 
@@ -75,8 +74,6 @@ class Extent:
     dma: Protocol = CAMPAIGN
     to_rest: bool = True
     static: StaticRig = field(default_factory=StaticRig)
-    tester: Tester = TESTER
-    tip_radius: float = TIP_RADIUS
     seed: int = 0
 
 
@@ -206,7 +203,7 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
                 rings.append((("plate",), partial(write_ringing_of, folder, *of)))
     drops.append(("acrylic", highest, HEATED, extent.seed + 9900, start + timedelta(days=10)))
     static = partial(record_static, folder, "ptfe_static", start + timedelta(days=12), extent.static, extent.seed)
-    punched = extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
+    punched = extent.relaxation, extent.harmonic, extent.seed
     rubber = partial(write_indentations, folder, start + timedelta(days=20), *punched)
     rheometer = partial(sweeps, folder, protocol=extent.dma, seed=extent.seed)
     films = [(f"{_name('acrylic', *one)}_film", partial(_contact_film, folder, *one, extent)) for one in filmed]

@@ -1,13 +1,11 @@
 """The synthetic session of rubber under a periodic punch: relaxation, then ten frequencies."""
 
-from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
-from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.relaxations import Relaxation, write_relaxation
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, from_dma, from_library, section
 from pipelines.rig.solids import specimen_of
 
@@ -38,15 +36,14 @@ def oscillation_section(name: str, specimen: Specimen, source: str = "", *, is_c
     return head + punch_section(name, specimen, source, is_calibrated=is_calibrated)
 
 
-def write_indentations(
-    folder: Path, start: datetime, held: Relaxation, oscillating: Harmonic, tester: Tester, tip_radius: float, seed: int
-) -> str:
-    """Write recordings, truth and the cell's record; returns the sections of both experiments, of the stated punch."""
-    stated = Specimen(specimen_of(_MATERIAL))
-    specimen = replace(stated, tip_radius=tip_radius)
+def write_indentations(folder: Path, start: datetime, held: Relaxation, oscillating: Harmonic, seed: int) -> str:
+    """Write recordings, truth and the cell's record; returns the sections of both experiments."""
+    specimen = Specimen(specimen_of(_MATERIAL))
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
-    recordings = write_relaxation(folder, relaxation, specimen, held, tester, seed + 70, start)
-    write_harmonic(folder, harmonic, specimen, oscillating, tester, seed + 80, start + timedelta(hours=3))
+    recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, seed + 70, start)
+    write_harmonic(folder, harmonic, specimen, oscillating, TESTER, seed + 80, start + timedelta(hours=3))
     files.write_text(folder / "calibration/load_cell.toml", cell_record())
     source = from_dma(_MATERIAL)
-    return relaxation_section(relaxation, recordings, stated, source) + oscillation_section(harmonic, stated, source)
+    return relaxation_section(relaxation, recordings, specimen, source) + oscillation_section(
+        harmonic, specimen, source
+    )
