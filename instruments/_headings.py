@@ -9,21 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from instruments._quantities import (
-    FREQUENCIES,
-    MODULI,
-    RESPONSES,
-    SHIFTS,
-    TEMPERATURES,
-    TEXT,
-    TIMES,
-    fits,
-    quantity,
-    repaired,
-    slug,
-    unit_of,
-)
-from labpipe.errors import InputError
+from instruments._quantities import TEMPERATURES, TEXT, is_unit, quantity, repaired, slug
 
 _LOGARITHM = re.compile(r"^(?:log10|log_10|log|lg)(?![a-z]{3})[\s_(|]*(.*?)\)?$", re.IGNORECASE)
 _BRACKETS = re.compile(r"^(.*?\S)\s*[(\[{<]\s*([^()\[\]{}<>]*)\s*[)\]}>]\s*(.*)$")
@@ -76,15 +62,6 @@ class Heading:
         return "frequency" if self.at is not None and self.at[1].endswith(("Hz", "rad/s")) else "temperature"
 
 
-def is_unit(cell: str) -> bool:
-    """Return whether a cell of a row of units can be one."""
-    try:
-        unit_of(cell)
-    except InputError:
-        return False
-    return True
-
-
 @lru_cache(4096)
 def parsed(heading: str) -> Heading:
     """Part a heading into quantity, unit, and the place that it belongs to.
@@ -125,7 +102,7 @@ def _known(text: str) -> Heading | None:
         if found == "a_T" and is_log:
             found, is_log = "log10_aT", False
         made = Heading(text, found, unit, is_known=True, is_logarithm=is_log)
-        if not unit or fits(found, unit):
+        if not unit or is_unit(unit, found):
             return made
         if is_explicit and explicit is None:
             explicit = made
@@ -183,14 +160,6 @@ def facts(line: str) -> dict[str, tuple[float, str]]:
         if heading.name not in (*TEMPERATURES, "frequency"):
             continue
         unit = match["unit"] or heading.unit or ("degC" if is_parameters and heading.name == "temperature" else "")
-        if unit and fits(heading.name, unit):
+        if unit and is_unit(unit, heading.name):
             found[heading.name.removesuffix("_set")] = (float(match["value"].replace(",", ".")), unit)
     return found
-
-
-def is_begin(names: "set[str]") -> bool:
-    """Return whether a line with these quantities begins a table, complete or not."""
-    axes, moduli = names & (FREQUENCIES | {*TEMPERATURES}), names & MODULI
-    if (names & {*TEMPERATURES} and names & SHIFTS) or (names & TIMES and names & RESPONSES):
-        return True
-    return bool(moduli and axes) or (len(moduli | names & {"loss_factor", "phase_angle"}) > 1 and bool(moduli))

@@ -11,13 +11,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from instruments._headings import Heading, facts, is_begin, parsed, stated_in_title
-from instruments._quantities import OTHERS, fits
+from instruments._headings import Heading, facts, parsed, stated_in_title
+from instruments._quantities import OTHERS, is_begin, is_unit
 from labpipe.errors import InputError, SourceError
 from labpipe.text import DOT, Separators, separators
 
 #: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
+WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)
 _OF_ROWS = (TAB, SEMICOLON, COMMA, BLANKS)
 
 #: Marks of a cell without a reading.
@@ -46,10 +47,10 @@ class Block:
     """One table of a text.
 
     ``line`` and ``unit_line`` are those of the headings and of the row of units (0 without one), whose units the
-    ``headings`` have already; ``rows`` holds line and cells of every row, ``widths`` their numbers of cells before
-    padding at the end fell away, ``separator`` is between them; ``title`` names the step, "" without one; ``facts``
-    are quantities stated above the table, canonical name to value and unit; ``above`` is the line above the headings;
-    ``sheet`` that of a workbook, "" in a text; ``inset`` the characters of each line before the first of these cells.
+    ``headings`` have; ``rows`` are line and cells of every row, ``widths`` their numbers of cells with the padding at
+    the end, ``separator`` is between them; ``title`` names the step; ``facts`` are quantities stated above the table,
+    by name value and unit; ``above`` is the line above the headings; ``sheet`` that of a workbook; ``inset`` the
+    characters of each line before the first of these cells.
     """
 
     line: int
@@ -127,10 +128,10 @@ def headings_of(line: str) -> tuple[list[Heading], str] | None:
 
 
 def blocks(lines: Lines) -> list[Block]:
-    """Find the tables of a text: its lines that are not empty, with their numbers.
+    """Find the tables of a text.
 
-    Headings without a row of numbers below them, as prose that names quantities, are passed over where there are
-    other tables. Rows that go on below lines of words are a table of their own, with the headings above.
+    Headings without a row of numbers, as in prose, are passed over where there are other tables. Rows that go on below
+    lines of words are a table of their own, with the headings above.
     """
     found: list[Block] = []
     signals: list[Heading] = []
@@ -208,7 +209,7 @@ def _take_units(block: Block, line: str, separator: str) -> bool:
 
     def fitting(units: Sequence[str]) -> int:
         pairs = zip(block.headings, units, strict=False)
-        return sum(each.is_known and bool(unit.strip()) and fits(each.name, unit) for each, unit in pairs)
+        return sum(each.is_known and bool(unit.strip()) and is_unit(unit, each.name) for each, unit in pairs)
 
     for way in dict.fromkeys((separator, *_OF_ROWS)):
         texts = cells(bare, way) if way in (TAB, SEMICOLON, COMMA) else trimmed(cells(bare, way))

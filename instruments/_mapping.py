@@ -19,28 +19,14 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from instruments._headings import Heading, facts, is_begin, is_unit, parsed
-from instruments._layout import (
-    ABSENT,
-    BLANKS,
-    COMMA,
-    GAPS,
-    SEMICOLON,
-    TAB,
-    Block,
-    Lines,
-    cells,
-    fill,
-    is_numeric,
-    is_row,
-)
-from instruments._quantities import SI_OF, TIMES, TRACES, fits, quantity, slug, unit_of
+from instruments._headings import Heading, facts, parsed
+from instruments._layout import ABSENT, TAB, WAYS, Block, Lines, cells, fill, is_numeric, is_row
+from instruments._quantities import SI_OF, TIMES, TRACES, is_begin, is_unit, quantity, slug, unit_of
 from labpipe.errors import UNSAID, InputError, SourceError
 from labpipe.text import not_a_number, shorten
 
 Columns = str | Mapping[str, Any]
 
-_WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)
 _BRACKET = re.compile(r"[(\[{<]([^()\[\]{}<>]*)[)\]}>]")
 _UNITLESS = ("1",)
 _OF_TIME = re.compile(r"\bx|horizontal|time", re.IGNORECASE)
@@ -59,47 +45,38 @@ class Chosen:
 
 
 def chosen(columns: Columns) -> tuple[Chosen, ...]:
-    """Read the columns that a user names.
-
-    InputError where they are no columns of a trace, a sweep, a response or a table of shifts.
-    """
+    """Read the columns that a user names; InputError where no trace, sweep, response or table of shifts has them."""
     if isinstance(columns, str) and "=" in columns:
         text = columns.strip().removeprefix("columns").lstrip(" =").strip()
         try:
             columns = tomllib.loads(f"columns = {text if text.startswith('{') else '{' + text + '}'}")["columns"]
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"columns cannot be read ({error}); write {_EXAMPLE}") from None
+    found: list[Chosen] = []
     if isinstance(columns, str):
         given = enumerate(map(parsed, columns.split(";" if ";" in columns else ",")), 1)
-        found = tuple(Chosen(h.name, number, h.unit) for number, h in given if h.is_known)
-    else:
-        named = []
-        for name, value in columns.items():
-            known = name if name in TRACES else quantity(name)
-            if known not in SI_OF:
-                quantities = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
-                raise InputError(f'columns: "{name}" is no quantity; known are {quantities}')
-            stated = value if isinstance(value, Mapping) else {"column": value}
-            column, unit = stated.get("column"), stated.get("unit", "")
-            is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
-            if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
-                raise InputError(
-                    f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
-                    '{ column = "Position", unit = "m" }'
-                )
-            named.append(Chosen(str(known), column, unit))  # type: ignore[arg-type]  # it is a text or a number
-        found = tuple(named)
+        found, columns = [Chosen(h.name, number, h.unit) for number, h in given if h.is_known], {}
+    for name, value in columns.items():
+        known = name if name in TRACES else quantity(name)
+        if known not in SI_OF:
+            quantities = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
+            raise InputError(f'columns: "{name}" is no quantity; known are {quantities}')
+        stated = value if isinstance(value, Mapping) else {"column": value}
+        column, unit = stated.get("column"), stated.get("unit", "")
+        is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
+        if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
+            text = f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
+            raise InputError(text + '{ column = "Position", unit = "m" }')
+        found.append(Chosen(str(known), column, unit))  # type: ignore[arg-type]  # it is a text or a number
     names = [each.name for each in found]
     if twice := next((name for name in names if names.count(name) > 1), ""):
         raise InputError(f"columns: {twice} is named twice")
     is_trace = "displacement" in names or {"position", "force"} <= set(names)
     if not is_trace and not is_begin(set(names)):
-        raise InputError(
-            f"columns name {', '.join(names) or 'no quantity that is known'}; expected displacement and time, or "
-            "position, force and time, or frequency and two of storage modulus, loss modulus, tan δ and so on, "
-            f"for example {_EXAMPLE}"
-        )
-    return found
+        text = f"columns name {', '.join(names) or 'no quantity that is known'}; expected displacement and time, or "
+        text += "position, force and time, or frequency and two of storage modulus, loss modulus, tan δ and so on"
+        raise InputError(f"{text}, for example {_EXAMPLE}")
+    return tuple(found)
 
 
 def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:
@@ -111,9 +88,8 @@ def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:
     places = [c.column - 1 if isinstance(c.column, int) else _at(texts, c.column) or 0 for c in wanted]
     headings = [Heading(text, slug(text)) for text in texts]
     for each, place in zip(wanted, places, strict=True):
-        # in brackets or, of a quantity that is known by its heading, behind a slash or a comma
-        head = parsed(texts[place])
-        is_fitting = head.is_known and fits(head.name, head.unit) and (head.name == each.name or each.name in TIMES)
+        head = parsed(texts[place])  # of a known quantity the unit may be behind a slash or a comma
+        is_fitting = head.is_known and is_unit(head.unit, head.name) and (head.name == each.name or each.name in TIMES)
         unit = _in_brackets(texts[place]) or (head.unit if is_fitting else "")
         headings[place] = Heading(texts[place], each.name, unit, is_known=True)
     block = Block(line, headings)
@@ -144,17 +120,14 @@ def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:
 
 
 def _headings(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> tuple[int, str, list[str], int]:
-    """Find the line that holds all named headings.
-
-    Returns the index of the line behind it, the sign between its cells, the headings, and its number (0 without it).
-    """
+    """Return the index behind the line of the headings, the sign between its cells, the headings, its number or 0."""
     named = [each.column for each in wanted if isinstance(each.column, str)]
     last = max((each.column for each in wanted if isinstance(each.column, int)), default=0)
     best: tuple[int, list[str], int] = (0, [], 0)
     for k, (number, line) in enumerate(lines):
-        ways: tuple[str, ...] = (TAB,) if TAB in line.strip() else _WAYS
+        ways: tuple[str, ...] = (TAB,) if TAB in line.strip() else WAYS
         if not named:  # the sign that leaves nothing but numbers, of several the one that leaves most
-            found = {way: [is_numeric(cell) for cell in cells(line, way) if cell] for way in _WAYS}
+            found = {way: [is_numeric(cell) for cell in cells(line, way) if cell] for way in WAYS}
             ways = (max(found, key=lambda way: (all(found[way]), sum(found[way]))),)
         for way in ways:
             parts = [part.strip('"') for part in cells(line, way)]
@@ -237,8 +210,6 @@ def time_step(lines: Lines, line: int) -> float | None:
 
 
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}
-
-
 #: Quantity and usual unit of a trace, by the SI unit of its column; that unit by the first word of other headings.
 _TRACES = {"m": ("displacement", "mm"), "V": ("displacement", "V"), "N": ("force", "N"), "s": ("time", "s")}
 _TRACE_WORDS = {
@@ -257,12 +228,12 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     found: dict[str, str] = {}
     for number, heading in enumerate(headings, 1):
         unit = heading.unit.strip("[]()") if heading.unit and is_unit(heading.unit) else ""
-        is_known = heading.is_known and heading.at is None and (not unit or fits(heading.name, unit))
+        is_known = heading.is_known and heading.at is None and (not unit or is_unit(unit, heading.name))
         name, usual = (heading.name, "") if is_known else _of_trace(heading)
         if name in ("", "point", "set") or name in found or name not in SI_OF:
             continue
         column, si = _quoted(number if by_number else heading.text), SI_OF[name]
-        has_unit = si == _UNITLESS or (unit != "" and unit_of(unit).si in si)
+        has_unit = bool(unit) and is_unit(unit, name)
         if si != _UNITLESS and (by_number or not has_unit):
             unit = unit if has_unit else usual or _USUAL.get(si[0], si[0])
             column = f'{{ column = {column}, unit = "{unit}" }}'
@@ -285,7 +256,7 @@ def _of_trace(heading: Heading) -> tuple[str, str]:
 def suggestion(lines: Lines) -> str:
     """Return the line to copy for an unknown table, "" where the lines hold no rows of numbers."""
     longest, way, first = 0, TAB, 0  # the longest run of rows of numbers
-    for sign in _WAYS:
+    for sign in WAYS:
         length = 0
         for k, (_, line) in enumerate(lines):
             filled = [cell for cell in cells(line, sign) if cell]
@@ -310,9 +281,5 @@ def suggestion(lines: Lines) -> str:
 
 def _are_names(row: Sequence[str], width: int) -> bool:
     filled = [cell for cell in row if cell]
-    return (
-        len(filled) >= min(width, 2)
-        and len(row) <= width + 1
-        and not any(map(is_numeric, filled))
-        and not all(is_unit(cell) for cell in filled)
-    )
+    is_full = len(filled) >= min(width, 2) and len(row) <= width + 1
+    return is_full and not any(map(is_numeric, filled)) and not all(map(is_unit, filled))

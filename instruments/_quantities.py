@@ -69,14 +69,10 @@ def quantity(heading: str) -> str | None:
     >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
     ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
     """
-    found = _NAME_OF.get(fold(heading))
     words = re.split(r"[\s,;:(\[-]+", heading.strip(" )]"))
-    for k in range(1, len(words)):
-        if found is not None:
-            break
-        first, second = (_NAME_OF.get(fold(" ".join(part))) for part in (words[:k], words[k:]))
-        found = first if first == second else None
-    return found
+    parts = ({_NAME_OF.get(fold(" ".join(part))) for part in (words[:k], words[k:])} for k in range(1, len(words)))
+    twice = (found.pop() for found in parts if len(found) == 1)
+    return _NAME_OF.get(fold(heading)) or next(filter(None, twice), None)
 
 
 def slug(text: str) -> str:
@@ -102,12 +98,7 @@ _LOST = "\N{REPLACEMENT CHARACTER}"
 
 @lru_cache(4096)
 def unit_of(text: str) -> Unit:
-    """Look a unit up as exports spell it; ``µ``, ``·`` and ``°`` may have been lost.
-
-    Raises
-    ------
-    InputError
-        It is not known.
+    """Look a unit up as exports spell it; ``µ``, ``·`` and ``°`` may have been lost. InputError for an unknown one.
 
     Examples
     --------
@@ -118,10 +109,8 @@ def unit_of(text: str) -> Unit:
     if _LOST in name:  # only three signs outside ASCII occur in these units, each in a place of its own
         name = "°C" if name == f"{_LOST}C" else ("µ" + name[1:] if name.startswith(_LOST) else name)
         name = name.replace(_LOST, "·")
-    if name == "mHz":  # its capitals mean a billion times as much
-        return Unit(1e-3, "Hz")
-    if name == "K":
-        return Unit(1.0, "K")
+    if name in ("mHz", "K"):  # its capitals mean a billion times as much; a temperature is shifted by whoever reads it
+        return Unit(1e-3, "Hz") if name == "mHz" else Unit(1.0, "K")
     try:
         return unit(name or "1")
     except InputError:
@@ -131,9 +120,19 @@ def unit_of(text: str) -> Unit:
         raise
 
 
-def fits(name: str, stated: str) -> bool:
-    """Return whether a unit is one of a quantity."""
+def is_unit(stated: str, name: str = "") -> bool:
+    """Return whether a text can be a unit, of a quantity where one is named."""
     try:
-        return unit_of(stated).si in SI_OF.get(name, ())
+        si = unit_of(stated).si
     except InputError:
         return False
+    return not name or si in SI_OF.get(name, ())
+
+
+def is_begin(names: set[str]) -> bool:
+    """Return whether a line with these quantities begins a table, complete or not."""
+    moduli, has_temperature = names & MODULI, not names.isdisjoint(TEMPERATURES)
+    if (has_temperature and names & SHIFTS) or (names & TIMES and names & RESPONSES):
+        return True
+    of_loss = names & {"loss_factor", "phase_angle"}
+    return bool(moduli) and bool(has_temperature or names & FREQUENCIES or len(moduli | of_loss) > 1)

@@ -12,12 +12,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments._headings import Heading, is_of_parameters, is_unit
+from instruments._headings import Heading, is_of_parameters
 from instruments._intervals import Column, Interval
 from instruments._layout import ABSENT, Block, is_clock, is_numeric
 from instruments._mapping import line_to_copy
 from instruments._moduli import needed, with_moduli
-from instruments._quantities import FREQUENCIES, MODULI, RESPONSES, SI_OF, TEMPERATURES, TIMES, fits, slug, unit_of
+from instruments._quantities import FREQUENCIES, MODULI, RESPONSES, SI_OF, TEMPERATURES, TIMES, is_unit, slug, unit_of
 from instruments._sheets import Notes
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError
@@ -34,15 +34,13 @@ _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of
 def intervals(notes: Notes, block: Block, signs: Separators, first: int) -> list[Interval]:
     """Convert one table; every set or isotherm of it is an interval, numbered from ``first``.
 
-    SourceError where a cell of a column that is needed is no number, its unit is none of its quantity, or columns
-    of several specimens stand side by side.
+    SourceError where a needed cell is no number, its unit is none of its quantity, or there are several specimens.
     """
-    path = block.place(notes.path)
-    fitting = {h.name for h in block.headings if h.is_known and fits(h.name, h.unit)}
+    fitting = {h.name for h in block.headings if h.is_known and is_unit(h.unit, h.name)}
     for k, heading in enumerate(block.headings):
         cells = [row[k] if k < len(row) else "" for _, row in block.rows]
         # A stiffness K* (N/m) next to E*, or a time of day next to frequencies, only shares a name.
-        is_misfit = heading.is_known and heading.unit and not fits(heading.name, heading.unit)
+        is_misfit = heading.is_known and heading.unit and not is_unit(heading.unit, heading.name)
         is_other = (is_misfit and heading.name in fitting) or (heading.name in TIMES and any(map(is_clock, cells)))
         if heading.name == "set" and not all(is_numeric(cell) or not cell for cell in cells):
             numbered = {name: str(count) for count, name in enumerate(dict.fromkeys(cells))}
@@ -51,16 +49,14 @@ def intervals(notes: Notes, block: Block, signs: Separators, first: int) -> list
                 row[k : k + 1] = [numbered[row[k] if k < len(row) else ""]]
         if is_other:
             block.headings[k] = replace(heading, name=slug(heading.text), is_known=False)
-    wanted = settled_units(notes, block)
-    for k, heading in enumerate(block.headings):
-        named = (
-            [row[k] for _, row in block.rows if k < len(row) and row[k]] if _SPECIMEN.fullmatch(heading.name) else []
-        )
+        named = [cell for cell in cells if cell] if _SPECIMEN.fullmatch(heading.name) else []
         names, changes = sorted(set(named)), sum(a != b for a, b in pairwise(named))
         is_counter = all(map(is_numeric, names)) and 2 * changes > len(named)  # of the readings of a sweep
         if 1 < len(names) <= len(named) / 2 and not is_counter:
             text = f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))})"
-            raise SourceError(path, text, line=block.line, hint="Give each specimen a file of its own.")
+            hint = "Give each specimen a file of its own."
+            raise SourceError(block.place(notes.path), text, line=block.line, hint=hint)
+    wanted = settled_units(notes, block)
     short = short_rows(notes, block, wanted)
     values = numbers(notes, block, signs, wanted)
     values[short] = np.nan
@@ -90,21 +86,20 @@ def _unit(block: Block, heading: Heading) -> str:
         return "rad/s"
     if not heading.unit and is_of_parameters(block.above):  # RepTate's own units
         usual = {"frequency": "rad/s", "time": "s"}.get(heading.name, "Pa")
-        return usual if fits(heading.name, usual) else ""
+        return usual if is_unit(usual, heading.name) else ""
     return heading.unit
 
 
 def settled_units(notes: Notes, block: Block) -> set[str]:
-    """Return the quantities that a result is made of; refuse one in a unit that is none of it.
+    """Return the quantities that a result is made of; refuse one in a unit that is none of it, and note other columns.
 
-    The unit decides which frequency a column holds. Of other columns in such a unit a note is made, and they count
-    as unknown.
+    The unit decides which frequency a column holds.
     """
     for k, heading in enumerate(block.headings):
         if heading.is_known and heading.name in FREQUENCIES and is_unit(heading.unit):
             name = {"rad/s": "angular_frequency", "Hz": "frequency"}.get(unit_of(heading.unit).si, heading.name)
             block.headings[k] = replace(heading, name=name)
-    misfits = [h for h in block.headings if h.is_known and h.name in SI_OF and not fits(h.name, _unit(block, h))]
+    misfits = [h for h in block.headings if h.is_known and h.name in SI_OF and not is_unit(_unit(block, h), h.name)]
     names = block.names()
     fitting = names - {heading.name for heading in misfits} | set(block.facts)
     wanted = needed(names)
@@ -115,23 +110,20 @@ def settled_units(notes: Notes, block: Block) -> set[str]:
         text += f", expected a unit of {' or '.join(si for si in SI_OF[heading.name] if si != 'degF')}"
         if heading.name in wanted and not any(heading.name in same for same in stated):
             hint = "State the units in the headings or in a row below them, or name the columns with their units: "
-            hint += line_to_copy(block.headings)
-            raise SourceError(block.place(notes.path), text, line=line, hint=hint)
+            raise SourceError(block.place(notes.path), text, line=line, hint=hint + line_to_copy(block.headings))
         at = block.headings.index(heading)
         block.headings[at] = replace(heading, name=slug(heading.text), is_known=False)
         if any(at < len(row) and row[at] for _, row in block.rows) and heading.unit:
-            notes.add(f"{text}; nothing is made of it, so it is kept as written", line, key=text)
+            notes.add(f"{text}; nothing is made of it, so it is kept as written", line)
     if any(h.unit.strip("[]() ") == "mPa" and h.name in wanted for h in block.headings):
-        message = "moduli are in mPa, which is read as MPa (megapascal); if it is millipascal, write 1e-3 Pa"
-        notes.add(message, line, key=message)
+        notes.add("moduli are in mPa, which is read as MPa (megapascal); if it is millipascal, write 1e-3 Pa", line)
     return wanted
 
 
 def short_rows(notes: Notes, block: Block, wanted: set[str]) -> Flags:
-    """Find rows that lost cells, in a table whose other rows are whole.
+    """Find rows that lost cells, of which nothing is believed, in a table whose other rows are whole.
 
-    Which cell was lost is not known, so nothing of such a row is believed. Where every row lacks as many at the end,
-    the columns are read in their order from the left, if none that is needed comes so late.
+    Where every row lacks as many at the end, the columns are read from the left, if none that is needed comes so late.
     """
     path = block.place(notes.path)
     width = max((k + 1 for k, heading in enumerate(block.headings) if heading.text), default=0)
@@ -152,12 +144,9 @@ def short_rows(notes: Notes, block: Block, wanted: set[str]) -> Flags:
         del block.headings[widest:]
         width = widest
     is_short = np.array(block.widths) < width
-    if is_short.any():
-        short = [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]
-        notes.add(
-            f"{listed(short)}: {len(short)} of {len(block.rows)} rows hold fewer than {width} cells; it is unknown "
-            "which are missing, so these rows are marked invalid"
-        )
+    if short := [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]:
+        text = f"{listed(short)}: {len(short)} of {len(block.rows)} rows hold fewer than {width} cells; it is unknown "
+        notes.add(f"{text}which are missing, so these rows are marked invalid")
     return is_short
 
 
@@ -188,10 +177,9 @@ def numbers(notes: Notes, block: Block, signs: Separators, wanted: set[str]) -> 
 
 
 def _parts(notes: Notes, block: Block, values: Floats, wanted: set[str]) -> Iterator[list[Pair]]:
-    """Yield the columns of a table, or those of each frequency or temperature that headings state.
+    """Yield the columns of a table, or those of each place side by side, as ``E'(1 Hz)`` and ``E'(10 Hz)``.
 
-    Of columns side by side, ``E'(1 Hz)`` and ``E'(10 Hz)``, each place is a part; a temperature that is repeated
-    before each belongs to the columns to its right.
+    A temperature that is repeated before each belongs to the columns to its right.
     """
     pairs = list(zip(block.headings, values.T, strict=True))
     places = list(dict.fromkeys(heading.at for heading in block.headings if heading.at is not None))
@@ -222,13 +210,10 @@ def _unique(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str])
         if np.allclose(column * scale, before[1], rtol=2e-3, equal_nan=True):
             continue
         if heading.name in MODULI | RESPONSES:
-            raise SourceError(
-                block.place(notes.path),
-                f"several columns are {shorten(heading.text)} and differ, as of several specimens or runs side by side",
-                line=block.line,
-                hint="Export each to a file of its own, or name the columns of one by their number: "
-                + line_to_copy(block.headings, by_number=True),
-            )
+            text = f"several columns are {shorten(heading.text)} and differ, as of several specimens or runs side by "
+            hint = "Export each to a file of its own, or name the columns of one by their number: "
+            hint += line_to_copy(block.headings, by_number=True)
+            raise SourceError(block.place(notes.path), f"{text}side", line=block.line, hint=hint)
         message = f"two columns hold {heading.name.replace('_', ' ')} and differ; the first, {before[0].text}, is taken"
         notes.add(message, block.line)
     return list(kept.values())
@@ -237,10 +222,9 @@ def _unique(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str])
 def converted(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str]) -> dict[str, Column]:
     """Convert columns to SI by the units that the file states, and make the moduli of them."""
     found: dict[str, Column] = {}
-    path, line, count = block.place(notes.path), block.unit_line or block.line, len(pairs[0][1])
-    own = {heading.name for heading, _ in pairs}
+    path, own = block.place(notes.path), {heading.name for heading, _ in pairs}
     facts = [
-        (Heading(f"{name} of the header", name, unit, is_known=True), np.full(count, value))
+        (Heading(f"{name} of the header", name, unit, is_known=True), np.full(len(block.rows), value))
         for name, (value, unit) in block.facts.items()
         if not own & (FREQUENCIES if name == "frequency" else {*TEMPERATURES})
     ]
@@ -253,7 +237,8 @@ def converted(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str
                 scales = {"K": column - ZERO_CELSIUS, "degF": (column - 32.0) * 5.0 / 9.0}
                 if (scales.get(si, column) < -ZERO_CELSIUS).any():
                     text = f'{heading.text} is in "{stated}" and holds {np.nanmin(column):g}, below absolute zero'
-                    raise SourceError(path, text, line=line, hint="Correct the row of units, or export again.")
+                    hint = "Correct the row of units, or export again."
+                    raise SourceError(path, text, line=block.unit_line or block.line, hint=hint)
                 column, si = scales.get(si, column), "degC"
             si = "rad/s" if name == "angular_frequency" else si  # 1/s leaves the radian out
             found[name] = Column(name, heading.text or name, stated, si, column)
@@ -282,8 +267,7 @@ def _ordered(columns: dict[str, Column], count: int) -> list[NDArray[np.intp]]:
     everything = np.arange(count)
     if "set" in columns:
         numbers = np.asarray(columns["set"].values, dtype=float)
-        numbered = np.maximum.accumulate(np.where(np.isnan(numbers), 0, everything))
-        return _groups(numbers[numbered])
+        return _groups(numbers[np.maximum.accumulate(np.where(np.isnan(numbers), 0, everything))])
     frequency = next((columns[name] for name in sorted(FREQUENCIES & columns.keys())), None)
     temperature = columns.get("temperature_set", columns.get("temperature"))
     if frequency is None or temperature is None:

@@ -20,10 +20,10 @@ class Notes:
     path: Path
     texts: list[str] = field(default_factory=list)
 
-    def add(self, text: str, line: int | None = None, key: str = "") -> None:
-        """Warn, unless that was said before under the same key."""
-        if (key or text) not in self.texts:
-            self.texts.append(key or text)
+    def add(self, text: str, line: int | None = None) -> None:
+        """Warn, unless that was said before."""
+        if text not in self.texts:
+            self.texts.append(text)
             warn_of(self.path, text, line=line)
 
 

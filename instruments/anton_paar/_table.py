@@ -18,9 +18,9 @@ Structure is asked before words: a label and two whole numbers begin an interval
 import re
 from dataclasses import dataclass, field
 
-from instruments._headings import Heading, is_unit
+from instruments._headings import Heading
 from instruments._layout import Block, Lines, cells, is_numeric, trimmed
-from instruments._quantities import TEXT, WORDS, fold, quantity, repaired, slug
+from instruments._quantities import TEXT, WORDS, fold, is_unit, quantity, repaired, slug
 from instruments._sheets import Notes
 from labpipe.errors import SourceError
 from labpipe.text import shorten

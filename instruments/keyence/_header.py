@@ -1,8 +1,8 @@
 """The header of a Keyence storage file: its settings, the columns below it, and the first row of readings.
 
 No storage file of LK-Navigator is public, so the layout is assumed. Settings that the header does not hold (sampling
-cycle, units) are asked for, never guessed. Only outputs and the counter are read as numbers; columns of words and empty
-ones are left out, and a column of times stays text, as its decimals say how exact it is.
+cycle, units) are asked for, never guessed. Only outputs and the counter are read as numbers; columns of judgements and
+empty ones are left out, and a column of times stays text, as its decimals say how exact it is.
 """
 
 import re
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from instruments._quantities import WORDS
+from instruments._quantities import WORDS, is_unit, unit_of
 from instruments.keyence._markers import marker_status
 from labpipe.errors import UNSAID, InputError, SourceError
 from labpipe.text import shorten
-from labpipe.units import quantity, unit
+from labpipe.units import quantity
 
 #: Patterns of the labels of header lines by their meaning, compared as a whole.
 _LABELS = {meaning: re.compile("|".join(words), re.IGNORECASE) for meaning, words in WORDS["laser"].items()}
@@ -32,7 +32,7 @@ _JUDGEMENT = re.compile(r"GO|NG|OK|HI|LO|HH|LL|HIGH|LOW|PASS|FAIL", re.IGNORECAS
 _NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 CLOCK = re.compile(r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
-_UNITS = tuple(map(unit, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
+_UNITS = tuple(map(unit_of, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
 _SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor of this family
 
 
@@ -85,11 +85,13 @@ class Header:
         if len(units) != len(self.outputs):
             text = f"found {len(units)} units for {len(self.outputs)} outputs"
             text = text if units else "the file does not say the unit of its readings"
-            raise self._fault(text, line, 'Give one for every output, in order: units=["mm"].').because(UNSAID)
+            hint = 'Give one for every output, in order: units=["mm"].'
+            raise SourceError(self.path, text, line=line, hint=hint).because(UNSAID)
         if wrong := next((text for text in units if not _is_displayed(text)), ""):
             text = f"found the unit {shorten(wrong)}, expected a length, volts or a derivative"
-            raise self._fault(text, line, "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2.")
-        if stated and asked and list(map(unit, asked)) != list(map(unit, stated)):
+            hint = "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2."
+            raise SourceError(self.path, text, line=line, hint=hint)
+        if asked and list(map(unit_of, asked)) != list(map(unit_of, units)):
             raise self._contradiction("units", line, ", ".join(stated), ", ".join(asked))
         return units
 
@@ -98,20 +100,19 @@ class Header:
         asked = None if given is None else _seconds(given if isinstance(given, str) else f"{given} s")
         if given is not None and asked is None:
             raise InputError(f'cycle must be a time such as "50 us", found "{given}"')
-        if "cycle" not in self.entries:
-            if asked is None:
-                text, hint = "the file does not say its sampling cycle", 'Give it: cycle="50 us".'
-                raise self._fault(text, None, hint).because(UNSAID)
-            return asked
-        line, _, unit_text = self.entries["cycle"]
+        line, _, unit_text = self.entries.get("cycle", (None, (), ""))
         text = f"{self.text('cycle')} {unit_text}".strip()
         stated = _seconds(text)
-        if stated is None:
+        if line is not None and stated is None:
             message = f"found the sampling cycle {shorten(text)}, expected a time with its unit"
-            raise self._fault(message, line, 'The line should read for example "Sampling cycle,50us".')
-        if asked is not None and abs(asked - stated) > 1e-9 * stated:
+            hint = 'The line should read for example "Sampling cycle,50us".'
+            raise SourceError(self.path, message, line=line, hint=hint)
+        if stated and asked and abs(asked - stated) > 1e-9 * stated:
             raise self._contradiction("cycle", line, f"{stated:g} s", f"{asked:g} s")
-        return stated
+        if (cycle := stated or asked) is None:
+            text, hint = "the file does not say its sampling cycle", 'Give it: cycle="50 us".'
+            raise SourceError(self.path, text, hint=hint).because(UNSAID)
+        return cycle
 
     def settle_storage(self, given: int | None, cycle: float, *, is_cycle_given: bool) -> int:
         """Return the samples per stored point; SourceError without them, or where file and caller differ."""
@@ -119,7 +120,7 @@ class Header:
             if given is None and not is_cycle_given:
                 text = "the file does not say whether every sample was stored"
                 hint = "Give the factor between samples and stored points: storage_factor=1."
-                raise self._fault(text, None, hint).because(UNSAID)
+                raise SourceError(self.path, text, hint=hint).because(UNSAID)
             return given or 1
         line, _, unit_text = self.entries["storage"]
         text = self.text("storage")
@@ -128,41 +129,32 @@ class Header:
         factor = float(match[1]) if match and not unit_text else (in_time or 0.0) / cycle
         if not 1 <= factor <= 1e9 or abs(factor - round(factor)) > 1e-6 * factor:
             message = f"found the storage cycle {shorten(text)}, expected a whole factor such as x1"
-            raise self._fault(message, line, 'The line should read for example "Storage cycle,x10".')
+            hint = 'The line should read for example "Storage cycle,x10".'
+            raise SourceError(self.path, message, line=line, hint=hint)
         if given is not None and given != round(factor):
             raise self._contradiction("storage_factor", line, round(factor), given)
         return round(factor)
 
     def _contradiction(self, name: str, line: int | None, stated: object, given: object) -> SourceError:
-        text = f"the file says {stated}, the option {name} says {given}"
-        return self._fault(text, line, f"Leave the option {name} out, or correct it.")
-
-    def _fault(self, text: str, line: int | None, hint: str) -> SourceError:
-        return SourceError(self.path, text, line=line, hint=hint)
+        text, hint = f"the file says {stated}, the option {name} says {given}", f"Leave the option {name} out, "
+        return SourceError(self.path, text, line=line, hint=f"{hint}or correct it.")
 
 
 def _seconds(text: str) -> float | None:
     """Read a time, or a rate as its inverse; None when it is neither, or cannot be meant."""
     try:
-        found = quantity(text.replace(",", "."))
+        value, _, si = quantity(text.replace(",", "."))
     except InputError:
         return None
-    if found.value <= 0 or found.si not in ("s", "Hz"):
+    if value <= 0 or si not in ("s", "Hz"):
         return None
-    seconds = found.value if found.si == "s" else 1.0 / found.value
+    seconds = value if si == "s" else 1.0 / value
     return seconds if _SHORTEST <= seconds <= _LONGEST else None
-
-
-def _is_unit(cell: str, known: tuple[object, ...] = ()) -> bool:
-    try:
-        return bool(cell) and (unit(cell) in known or not known)
-    except InputError:
-        return False
 
 
 def _is_displayed(cell: str) -> bool:
     """Recognise a unit that an output can have."""
-    return _is_unit(cell, _UNITS)
+    return bool(cell) and is_unit(cell) and unit_of(cell) in _UNITS
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
@@ -187,8 +179,7 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
     """
     delimiter, start = _first_row(path, lines)
     split = [split_cells(line, delimiter) for line in lines[: start + 3]]
-    row = split[start]
-    names_at = _names_at(path, lines[:start], split[:start], len(row))
+    row, names_at = split[start], _names_at(path, lines[:start], split[:start], len(split[start]))
     names = split[names_at] if names_at is not None else []
     if names and len(names) != len(row):
         hint = "If the comma is the decimal sign, export with semicolons or TABs between the columns."
@@ -200,21 +191,19 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
         label = _LABEL.fullmatch(names[index]) if names else None
         if times is None and (_TIME.fullmatch(label[1]) if label else CLOCK.fullmatch(cell)):
             times, time_unit = index, (label and label[2]) or ""
-        elif (cell or (names and names[index])) and not (
+        elif (cell or (label and label[0])) and not (
             _WORDS.fullmatch(label[1] if label else "") or _JUDGEMENT.fullmatch(cell)
         ):
             kept.append(index)
+    firsts = [cells[0] for cells in split[start:]]
+    has_counter = len(kept) > 1 and len(firsts) == 3 and firsts[0] in ("0", "1") and all(map(str.isdigit, firsts))
+    has_counter = has_counter and all(int(b) - int(a) == 1 for a, b in pairwise(firsts))
     if names:
         has_counter = _COUNTER.fullmatch(names[0]) is not None
-    else:
-        firsts = [cells[0] for cells in split[start:]]
-        counts = len(kept) > 1 and len(firsts) == 3 and all(map(str.isdigit, firsts)) and int(firsts[0]) in (0, 1)
-        has_counter = counts and all(int(b) - int(a) == 1 for a, b in pairwise(firsts))
     of_outputs = kept[int(has_counter) :]
     if not of_outputs:
         raise SourceError(path, "there is no column of readings", line=start + 1)
-    outputs = tuple(range(1, len(of_outputs) + 1))
-    units: tuple[str, ...] = ()
+    outputs, units = tuple(range(1, len(of_outputs) + 1)), tuple[str, ...]()
     if names_at is not None:
         outputs, units = _outputs(path, [names[index] for index in of_outputs], names_at)
         if below := _units_below(path, lines[:start], names_at, delimiter, of_outputs):
@@ -229,16 +218,14 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
         for meaning, pattern in _LABELS.items():
             if label and pattern.fullmatch(label[1]) and meaning not in entries:
                 entries[meaning] = (number, tuple(cells[1:]), label[2] or "")
-    return Header(
-        path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept), times, time_unit
-    )
+    whole = (path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept))
+    return Header(*whole, times, time_unit)
 
 
 def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
     """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
-    delimiters = ("\t", ";", ",")
     for index, line in enumerate(lines):
-        for delimiter in delimiters:
+        for delimiter in ("\t", ";", ","):
             cells = split_cells(line, delimiter)
             filled = cells[: max((k + 1 for k, cell in enumerate(cells) if cell), default=0)]
             others = [cell for cell in filled if not _is_reading(cell)]
@@ -246,7 +233,7 @@ def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
             if delimiter in line and is_row:
                 return delimiter, index
         if _is_reading(line.strip().strip('"')):
-            return delimiters[0 if line.startswith("\t") else -1], index
+            return "\t" if line.startswith("\t") else ",", index
     text = f"found no row of readings in the first {len(lines)} lines"
     raise SourceError(path, text, line=1, hint="Expected rows of numbers or markers such as +FFFFFFF below the header.")
 
@@ -257,10 +244,12 @@ def _names_at(path: Path, head: Sequence[str], split: Sequence[Sequence[str]], n
     if len(found) > 1:
         text = f"the columns are named twice, before on line {found[0] + 1}"
         raise SourceError(path, text, line=found[1] + 1, hint="Two exports were joined: split the file.")
+    if found:
+        return found[0]
     filled = [index for index, line in enumerate(head) if line.strip()]
-    if len(filled) > 1 and len(split[filled[-1]]) == n_columns and all(map(_is_unit, split[filled[-1]])):
+    if len(filled) > 1 and len(split[filled[-1]]) == n_columns and all(c and is_unit(c) for c in split[filled[-1]]):
         filled.pop()  # a row of units below the names
-    if not found and filled:
+    if filled:
         cells = split[filled[-1]]
         first = _LABEL.fullmatch(cells[0])
         is_first = _COUNTER.fullmatch(cells[0]) or (first is not None and _TIME.fullmatch(first[1]))
@@ -268,10 +257,10 @@ def _names_at(path: Path, head: Sequence[str], split: Sequence[Sequence[str]], n
             return filled[-1]
     # without names a damaged first row must not pass for a line of the header
     damaged = (i for i, cells in enumerate(split) if len(cells) == n_columns and re.match(r"[+-]?[0-9]", cells[0]))
-    if not found and (index := next(damaged, None)) is not None:
+    if (index := next(damaged, None)) is not None:
         text = f"found {shorten(head[index])}, which is neither a row of readings nor a header line"
         raise SourceError(path, text, line=index + 1, column=1, hint="If it is a damaged row, export the file again.")
-    return found[0] if found else None
+    return None
 
 
 def _outputs(path: Path, names: Sequence[str], names_at: int) -> tuple[tuple[int, ...], tuple[str, ...]]:
@@ -292,16 +281,14 @@ def _units_below(
 ) -> tuple[str, ...]:
     """Return the row of units under the names, whole; no other line may be there."""
     units: tuple[str, ...] = ()
-    for index in range(names_at + 1, len(head)):
-        cells = split_cells(head[index], delimiter)
+    for index, line in enumerate(head[names_at + 1 :], names_at + 1):
+        cells = split_cells(line, delimiter)
         if not any(cells):
             continue
-        texts = [cells[k] for k in of_outputs] if len(cells) > max(of_outputs) else []
-        if units or not texts or not all(map(_is_displayed, texts)):
+        if units or len(cells) <= max(of_outputs) or not all(_is_displayed(cells[k]) for k in of_outputs):
             wrong = next((i for i, cell in enumerate(cells) if not _is_reading(cell)), 0)
-            text = f"found {shorten(cells[wrong])}, expected the first row of readings"
-            hint = "A cell of the row is no number and no known marker; export the file again."
-            column = column_of(head[index], delimiter, wrong)
-            raise SourceError(path, text, line=index + 1, column=column, hint=hint)
+            text, hint = f"found {shorten(cells[wrong])}, expected the first row of readings", "A cell of the row is "
+            hint += "no number and no known marker; export the file again."
+            raise SourceError(path, text, line=index + 1, column=column_of(line, delimiter, wrong), hint=hint)
         units = tuple(cells)
     return units

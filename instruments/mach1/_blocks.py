@@ -16,7 +16,6 @@
 Everything that departs from it is refused with file, line and column.
 """
 
-import contextlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -31,18 +30,17 @@ from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
 DIVIDER = "<divider>"
-_STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 END_DATA = "<END DATA>"
+_STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 _TAG = re.compile(r"<([^<>\t]+)>\s*")
 _COPY_AGAIN = (
-    "The recording stopped, or the file was copied before it was complete: copy it again, or "
-    "read the readings that are there with allow_incomplete=True."
+    "The recording stopped, or the file was copied before it was complete: copy it again, or read the readings "
 )
-
+_COPY_AGAIN += "readings that are there with allow_incomplete=True."
 #: Functions that always record; one of them without rows is a file cut short.
-RECORDING = frozenset({"Stress Relaxation", "Find Contact", "Sinusoid"})
+_RECORDING = frozenset({"Stress Relaxation", "Find Contact", "Sinusoid"})
 #: Functions that may end a file without having recorded anything.
-SILENT = frozenset({"Move Relative", "Move Absolute", "Wait", "Zero Load"})
+_SILENT = frozenset({"Move Relative", "Move Absolute", "Wait", "Zero Load"})
 
 #: Declared numbers by their key (without unit), and the variable each becomes.
 DECLARED = {
@@ -62,10 +60,7 @@ DECLARED = {
     "Offset": "declared_offset",
 }
 
-_INFO_NUMBERS = {
-    f"Load Cell {name}"
-    for name in ("Calibration Factor", "Offset", "Low-pass filter Order", "Low-pass filter Cutoff frequency (Hz)")
-}
+_INFO_NUMBERS = re.compile(r"Load Cell (Calibration Factor|Offset|Low-pass filter (Order|Cutoff frequency \(Hz\)))")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only those met are taken.
 _UNITS = {
     r"Time": {"s"},
@@ -90,7 +85,7 @@ class Column(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """One ``key:→value`` line: number and unit when it holds a number in a known unit."""
+    """One ``key:→value`` line, with number and unit where it holds a number in a known unit."""
 
     key: str
     text: str
@@ -131,19 +126,15 @@ class Cursor:
         self.source, self.signs, self.allow_incomplete = source, Separators(decimal, ""), allow_incomplete
         self.cut: str | None = None
         self.number = 0
-        self.line: str | None = None
         self._lines = source.lines()
         self.advance()
 
     def advance(self) -> None:
-        """Go to the next line; a cut last line is put aside, never used."""
+        """Go to the next line; a cut last line is put aside, as a number that lost digits still reads as one."""
         self.line = next(self._lines, None)
-        if self.line is None:
-            return
-        self.number += 1
-        is_last = self.number == self.source.n_lines
-        if is_last and not self.source.is_ended and self.line.rstrip() != END_DATA:
-            # A number that lost its last digits still reads as a number: never use such a line.
+        self.number += self.line is not None
+        is_cut = self.number == self.source.n_lines and not self.source.is_ended
+        if is_cut and self.line is not None and self.line.rstrip() != END_DATA:
             self.cut, self.line = self.line, None
 
     def rows(self) -> Iterator[str]:
@@ -162,8 +153,7 @@ class Cursor:
 
     def error(self, message: str, column: int = 1, hint: str | None = None) -> SourceError:
         """Make the error for the current line."""
-        number = max(self.number, 1)
-        return SourceError(self.source.path, message, line=number, column=column, hint=hint)
+        return SourceError(self.source.path, message, line=max(self.number, 1), column=column, hint=hint)
 
     def number_of(self, text: str, is_needed: bool) -> float | None:
         """Return the number behind the tab of the current line; SourceError for no number where one is needed."""
@@ -188,44 +178,38 @@ def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str
     >>> pair_of("Load Cell Name:\t25kg SN:1886652")
     ('Load Cell Name', '25kg SN:1886652')
     """
-    stripped = line.rstrip("\t ")
-    if not stripped:
-        return None
     for separator in separators:
         key, found, value = line.partition(separator)
         if found and key.strip():
             return key.strip(), value.strip()
-    return (stripped[:-1], "") if stripped.endswith(":") else None
+    return (line.rstrip("\t ")[:-1], "") if line.rstrip("\t ").endswith(":") else None
 
 
 def parse(cursor: Cursor) -> list[Block]:
     """Read all blocks of a file; SourceError with line and column of the first departure from the grammar."""
     if tag_of(cursor.line) != "Mach-1 File":
-        raise cursor.error(
-            f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
-            hint="Mach-1 Motion text files begin with this line; take the file as the program wrote it, not one that "
-            "a spreadsheet saved.",
-        )
+        hint = "Mach-1 Motion text files begin with this line; take the file as the program wrote it, not one that a "
+        text = f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}"
+        raise cursor.error(text, hint=f"{hint}spreadsheet saved.")
     cursor.advance()
     blocks: list[Block] = []
     info_lines: tuple[str, ...] | None = None
     is_header_used = True
     while cursor.line is not None:
         tag = tag_of(cursor.line)
-        if tag == "Mach-1 File":
-            text = f"a second {TITLE}: two files were joined; their blocks are numbered through"
-            warn_of(cursor.source.path, text, line=cursor.number)
-            cursor.advance()
-        elif tag == "INFO" and is_header_used:
+        if tag == "INFO" and is_header_used:
             info_lines, is_header_used = _read_info(cursor), False
         elif tag is not None and info_lines is not None and tag not in _STRUCTURE:
             blocks.append(_read_block(cursor, tag, info_lines))
             is_header_used = True
-        elif cursor.line.strip():
+        elif tag == "Mach-1 File" or not cursor.line.strip():
+            if tag:
+                text = f"a second {TITLE}: two files were joined; their blocks are numbered through"
+                warn_of(cursor.source.path, text, line=cursor.number)
+            cursor.advance()
+        else:
             expected = "<INFO> or the tag of a function" if is_header_used else "a function's tag"
             raise cursor.error(f"found {shorten(cursor.line)}, expected {expected}")
-        else:
-            cursor.advance()
     if not blocks:
         raise cursor.error("the file ends before its first block", hint=_COPY_AGAIN)
     if blocks[-1].is_complete and (cursor.cut is not None or not is_header_used):
@@ -242,11 +226,11 @@ def _read_info(cursor: Cursor) -> tuple[str, ...]:
         if cursor.line is None:
             cursor.refuse_incomplete(f"the file ends inside the header that opens on line {opened}")
             return tuple(lines)
-        if tag_of(cursor.line) or pair_of(cursor.line) is None:
+        pair = pair_of(cursor.line)
+        if tag_of(cursor.line) or pair is None:
             raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
         # a header number that is none would be passed over later without a word
-        key, text = pair_of(cursor.line) or ("", "")
-        cursor.number_of(text, key in _INFO_NUMBERS)
+        cursor.number_of(pair[1], _INFO_NUMBERS.fullmatch(pair[0]) is not None)
         lines.append(cursor.line)
         cursor.advance()
     cursor.advance()
@@ -260,14 +244,12 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> B
     for line in cursor.rows():
         lines.append(line)
         pair = pair_of(line, (":\t",))
-        # Functions that are not known may hold tables of coordinates; they are kept as they are.
-        if pair is None and function in RECORDING:
+        if pair is None and function in _RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
-        if pair is None:
+        if pair is None:  # functions that are not known may hold tables of coordinates
             continue
         key, text = pair
-        name, separator, unit_text = key.rpartition(", ")
-        name, unit_text = (name, unit_text) if separator else (key, "1")
+        name, unit_text = parts_of(key)
         value = cursor.number_of(text, name in DECLARED and text not in _NOT_SET)
         if name in DECLARED and unit_text not in _DECLARED_UNITS:
             expected = ", ".join(sorted(_DECLARED_UNITS))
@@ -277,30 +259,40 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> B
     block = Block(function, info_lines, tuple(lines), tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block)
-    if cursor.line is None and (function not in SILENT or cursor.cut is not None):
+    if cursor.line is None and (function not in _SILENT or cursor.cut is not None):
         cursor.refuse_incomplete(f"the file ends inside <{function}>")
         return replace(block, is_complete=False)
-    if function in RECORDING:
+    if function in _RECORDING:
         raise cursor.error(f"found {shorten(cursor.line or '')}, expected <DATA> of <{function}>")
     return block
 
 
 def parameter_of(key: str, text: str, value: float | None) -> Parameter:
     """Make a parameter: a number with a unit where the key ends with one that is known, else a text."""
-    _, separator, unit_text = key.rpartition(", ")
-    known = None
-    with contextlib.suppress(InputError):
-        known = None if value is None else unit(unit_text if separator else "1")
-    return Parameter(key, text, value, known)
+    unit_text = parts_of(key)[1]
+    return Parameter(key, text, value, unit(unit_text) if value is not None and is_known(unit_text) else None)
+
+
+def parts_of(key: str) -> tuple[str, str]:
+    """Split a key such as ``Velocity, mm/s`` into name and unit, "1" where it has none."""
+    name, _, unit_text = key.rpartition(", ")
+    return (name, unit_text) if name else (key, "1")
+
+
+def is_known(unit_text: str) -> bool:
+    """Return whether a unit is one of labpipe's."""
+    try:
+        return bool(unit(unit_text))
+    except InputError:
+        return False
 
 
 def _read_data(cursor: Cursor, block: Block) -> Block:
     cursor.advance()
-    columns = _read_columns(cursor)
+    columns, n_rows = _read_columns(cursor), 0
     parts: list[Floats] = []
     dividers: list[int] = []
     starts: list[tuple[int, int]] = []  # (rows before, line number): to name the line of a row
-    n_rows = 0
     while cursor.line is not None and tag_of(cursor.line) != "END DATA":
         if tag_of(cursor.line) == "divider":
             dividers.append(n_rows)
@@ -323,26 +315,23 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
         cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}")
     cursor.advance()
     values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
-    # rows that repeat, go back, or are missing: time must be a grid from zero
-    time = values[:, 0] if len(values) else np.zeros(1)
+    time = values[:, 0] if len(values) else np.zeros(1)  # which must be a grid from zero
     steps = np.diff(time)
-    wrong, fault = np.flatnonzero(steps <= 0), "the time does not go on"
-    if not wrong.size:
-        interval = float(np.median(steps)) if steps.size else 0.0
-        wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
-        fault = f"rows are missing or added: the step is not {interval:.6f} s"
-        if not wrong.size and abs(time[0]) > interval / 2:
-            wrong, fault = np.array([-1]), "the first rows are missing: time must start at zero"
-    if wrong.size:
-        row = int(wrong[0]) + 1
-        before, line_number = max(start for start in starts if start[0] <= row)
-        found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
-        hint = "The file was joined, repaired or edited: copy it from the instrument again."
-        at = line_number + row - before
-        raise SourceError(cursor.source.path, f"{fault} ({found})", line=at, column=1, hint=hint)
-    return replace(
-        block, columns=columns, values=values, dividers=tuple(dividers), has_data=True, is_complete=is_complete
-    )
+    interval = float(np.median(steps)) if steps.size else 0.0
+    for wrong, fault in (
+        (np.flatnonzero(steps <= 0) + 1, "the time does not go on"),
+        (np.flatnonzero(np.abs(steps - interval) > interval / 2) + 1, "rows are missing or added: the step is not "),
+        (np.flatnonzero(np.abs(time[:1]) > interval / 2), "the first rows are missing: time must start at zero"),
+    ):
+        if wrong.size:
+            row = int(wrong[0])
+            before, line = max(start for start in starts if start[0] <= row)
+            found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
+            text = f"{fault}{f'{interval:.6f} s' if fault.endswith(' ') else ''} ({found})"
+            hint = "The file was joined, repaired or edited: copy it from the instrument again."
+            raise SourceError(cursor.source.path, text, line=line + row - before, column=1, hint=hint)
+    whole = {"columns": columns, "values": values, "dividers": tuple(dividers)}
+    return replace(block, **whole, has_data=True, is_complete=is_complete)
 
 
 def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
@@ -354,21 +343,16 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     position = 1
     for cell in cursor.line.rstrip("\t").split("\t"):
         quantity, separator, unit_text = cell.strip().rpartition(", ")
-        at_unit = position + len(quantity) + 2
         if not separator:
             raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
-        try:
-            known = unit(unit_text)
-        except InputError as error:
-            raise cursor.error(str(error).partition(";")[0], column=at_unit, hint=_UNITS_MET) from None
         met = next((units for name, units in _UNITS.items() if re.fullmatch(name, quantity)), None)
-        if met is not None and unit_text not in met:
-            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met))}"
-            raise cursor.error(message, column=at_unit, hint=_UNITS_MET)
+        if not (is_known(unit_text) if met is None else unit_text in met):
+            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met or ('a known one',)))}"
+            raise cursor.error(message, column=position + len(quantity) + 2, hint=_UNITS_MET)
         unknown += [shorten(cell)] if met is None else []
         if quantity in (column.quantity for column in columns):
             raise cursor.error(f"there are two columns {shorten(quantity)}")
-        columns.append(Column(cell, quantity, unit_text, known))
+        columns.append(Column(cell, quantity, unit_text, unit(unit_text)))
         position += len(cell) + 1
     if columns[0].quantity != "Time":
         raise cursor.error(f"found {shorten(columns[0].header)}, expected 'Time, s' as first column")

@@ -22,12 +22,12 @@ import numpy as np
 import xarray as xr
 
 from instruments._clock import moment
-from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block, Column, Cursor, parse
+from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block, Column, Cursor, parse, parts_of
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, warn_of
 from labpipe.text import check_decimal, is_number, shorten, survey
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 
 DEVICE = "Biomomentum Mach-1"
 
@@ -75,11 +75,9 @@ def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_inco
     check_decimal(decimal)
     source = survey(path, declared=("latin-1",))
     blocks = parse(Cursor(source, decimal or ".", allow_incomplete))
-    unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
-    if unknown:
-        text = f"date and time of block {', '.join(unknown)} are not of the form "
-        text += '"Wed, Jul 19, 2023" and "12:14:21.065"; the start is left empty'
-        warn_of(source.path, text)
+    if unknown := ", ".join(str(number) for number, block in enumerate(blocks) if not start_of(block)):
+        text = f'date and time of block {unknown} are not of the form "Wed, Jul 19, 2023" and "12:14:21.065"'
+        warn_of(source.path, f"{text}; the start is left empty")
     dataset = assemble(blocks)
     work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": int(dataset.sizes["sample"])}
     dataset.attrs |= {"source": Path(path).name, "encoding": source.encoding, "work": json.dumps(work)}
@@ -103,16 +101,13 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
     time, _ = columns.pop("time", (np.empty(0), None))
     segments = [np.searchsorted(block.dividers, np.arange(n), "right") for block, n in zip(blocks, counts, strict=True)]
     described_columns = {
-        name: ("sample", values, described(column.unit.si, column.quantity, original_unit=column.unit_text))
+        name: variable("sample", values, column.unit.si, column.quantity, original_unit=column.unit_text)
         for name, (values, column) in columns.items()
     }
     described_blocks = [_describe(block) for block in blocks]
     attrs: dict[str, Any] = {
         "instrument": DEVICE,
-        "header": "\n".join(
-            "\n".join(["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines])
-            for block in blocks
-        ),
+        "header": "\n".join(line for each in described_blocks for line in _lines_above(each)),
         "blocks": json.dumps(described_blocks, ensure_ascii=False),
         "start": start_of(blocks[0]),
         "clock": "local wall clock without a zone",
@@ -121,18 +116,13 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
     signs = {each["compression_sign"] for each in described_blocks if each["has_data"]}
     if len(signs) == 1 and 0 not in signs:
         attrs["compression_sign"] = signs.pop()
-    dataset = xr.Dataset(
-        described_columns,
-        coords={
-            "time": variable("sample", time, "s", "time within the block"),
-            "block": ("sample", np.repeat(np.arange(len(blocks)), counts), described("1", "block")),
-            "segment": variable(
-                "sample", np.concatenate(segments).astype(np.int64), "1", "dividers so far in the block"
-            ),
-        },
-        attrs=attrs,
-    )
-    return dataset.assign(_block_variables(blocks, described_blocks))
+    segment = np.concatenate(segments).astype(np.int64)
+    coords = {
+        "time": variable("sample", time, "s", "time within the block"),
+        "block": variable("sample", np.repeat(np.arange(len(blocks)), counts), "1", "block"),
+        "segment": variable("sample", segment, "1", "dividers so far in the block"),
+    }
+    return xr.Dataset({**described_columns, **_block_variables(blocks, described_blocks)}, coords, attrs)
 
 
 def variable_name(quantity: str) -> str:
@@ -153,10 +143,7 @@ def _block_variables(blocks: Sequence[Block], described_blocks: Sequence[Mapping
         "is_complete": ([int(block.is_complete) for block in blocks], "1", "1 when the block is ended in the file"),
     }
     for name in dict.fromkeys(DECLARED.values()):
-        stated = [
-            next((p for p in block.parameters if DECLARED.get(re.sub(r", [^,]*$", "", p.key)) == name), None)
-            for block in blocks
-        ]
+        stated = [next((p for p in b.parameters if DECLARED.get(parts_of(p.key)[0]) == name), None) for b in blocks]
         units = {p.unit.si for p in stated if p and p.unit}
         if len(units) == 1:
             values = [p.number * p.unit.factor if p and p.unit and p.number is not None else None for p in stated]
@@ -221,12 +208,17 @@ def _describe(block: Block) -> dict[str, Any]:
     }
 
 
+def _lines_above(block: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a block above its data."""
+    return ["<INFO>", *block["info_lines"], "<END INFO>", f"<{block['function']}>", *block["parameter_lines"]]
+
+
 def encode(dataset: xr.Dataset) -> bytes:
     """Turn a Dataset of the form of :func:`read` into a Mach-1 file; one that was read comes out byte for byte."""
     lines = [TITLE]
     starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
     for index, block in enumerate(json.loads(dataset.attrs["blocks"])):
-        lines += ["<INFO>", *block["info_lines"], "<END INFO>", f"<{block['function']}>", *block["parameter_lines"]]
+        lines += _lines_above(block)
         if not block["has_data"]:
             continue
         lines.append("<DATA>")
