@@ -89,7 +89,6 @@ class Rules(NamedTuple):
     rest_tolerance: float
     rest_period: float
     rest_speed: float
-    plate_speed: float
 
 
 class Step(NamedTuple):
@@ -368,7 +367,7 @@ def _rests(now: Any, pace: Any, body: Body, rules: Rules) -> bool:
     contact at rest still creeps.
     """
     unbalanced = abs(now.force / (body.mass * body.gravity) - 1.0)
-    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.plate_speed)
+    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.rest_speed)
     pace.slowest = min(pace.slowest, now.velocity)
     pace.fastest = max(pace.fastest, now.velocity)
     pace.largest = max(pace.largest, unbalanced)

@@ -8,8 +8,8 @@ from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
-from labpipe.contact.impact._method import MEANS, N_NODES, STAGES, TO_POWERS, WEIGHTS, Tables, interpolation
-from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Room, Trail
+from labpipe.contact.impact._radau import MEANS, TO_POWERS, WEIGHTS, interpolation
+from labpipe.contact.impact._records import MOTION, N_NODES, STAGES, Fall, Motion, Room, Tables, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
 
 # Records of each step: its start and so many instants inside.
@@ -102,7 +102,13 @@ class Bounce(NamedTuple):
 
 
 def bounce(
-    tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts, times: Floats | None = None
+    tables: Tables,
+    fall: Fall,
+    now: Motion,
+    dents: Dents,
+    mislaid: float,
+    counts: dict[str, int],
+    times: Floats | None = None,
 ) -> Bounce | None:
     """Follow one contact from touch; None unless it shrinks once and ends in a lift-off.
 
@@ -121,12 +127,12 @@ def bounce(
     state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
     room.approach[0] = 0.0
     outcome, n, peak, rejected = contact(tables.law, fall, outer, room, dents.has_energy)
-    counts.rejected_steps += rejected
+    counts["rejected_steps"] += rejected
     if outcome != LIFTED:
         return None
-    counts.solver_steps += n
-    counts.kernel_products += n
-    counts.spring_updates += n * centre.size * N_NODES
+    counts["solver_steps"] += n
+    counts["kernel_products"] += n
+    counts["spring_updates"] += n * centre.size * N_NODES
     largest, lasted = float(state[peak, 3]), float(time[n])
     before = dents.stored()
     dents.cover(largest)

@@ -22,8 +22,10 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._method import MEANS, N_NODES, NODES, STAGES, TO_POWERS
 from labpipe.contact.impact._radau import (
+    MEANS,
+    NODES,
+    TO_POWERS,
     UNSOLVED,
     accept,
     attempt,
@@ -37,7 +39,7 @@ from labpipe.contact.impact._radau import (
     summit,
     value_at,
 )
-from labpipe.contact.impact._records import Fall, Law, Phase, Room
+from labpipe.contact.impact._records import N_NODES, STAGES, Fall, Law, Phase, Room
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
