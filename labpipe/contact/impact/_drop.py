@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike
 from labpipe.contact._memory import Creep, checked_times
 from labpipe.contact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._dataset import batch_dataset, dataset, thesis_dataset
-from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._records import Tables
 from labpipe.contact.impact._rings import Profile, influence, surface_gap
-from labpipe.contact.impact._setting import MAX_STEPS, Scales, Setting, Solver, exact, warn_of_millimetres
+from labpipe.contact.impact._setting import MAX_STEPS, Plate, Scales, Setting, Solver, exact, warn_of_millimetres
 from labpipe.contact.impact._train import COLUMNS, MARGIN, Train
 from labpipe.contact.sphere import Substrate, counter_compliance
 from labpipe.errors import InputError

@@ -13,10 +13,9 @@ from labpipe.contact._march import room_for
 from labpipe.contact._memory import Creep
 from labpipe.contact._springs import OUTGROWN, SpringBed, sphere_bed
 from labpipe.contact._stepping import Body, Room, Rules, Springs
-from labpipe.contact.impact._plate import modal
 from labpipe.contact.impact._records import MOTION, Motion, Trail, blank
 from labpipe.contact.impact._rings import ring_bed
-from labpipe.contact.impact._setting import Scales, Setting
+from labpipe.contact.impact._setting import Scales, Setting, modal
 from labpipe.errors import InputError
 
 # Error [m/s] allowed in a step over (rtol)^(3/2) of the speed, measured on Ting's solutions.
