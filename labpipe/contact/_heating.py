@@ -32,10 +32,7 @@ NOTICEABLE = 0.01
 
 
 def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
-    """Share of its rise that the centre of an evenly heated (half) sphere keeps after a time.
-
-    ``radius`` [m]. ``time`` [s]: Not negative; 0 gives 1.
-    """
+    """Share of its rise that the centre of an evenly heated (half) sphere of a radius [m] keeps after a time [s]."""
     with np.errstate(divide="ignore"):
         s = np.asarray(radius) / (2.0 * np.sqrt(thermal.diffusivity * np.asarray(time, float)))
     bounded = np.minimum(s, 25.0)  # exp(−s²) is 0 from here on

@@ -199,7 +199,7 @@ def indent(
         ("largest contact half-width", float(found["contact_half_width"].max()), "m"),
         *((_said(name), float(last[name]), "J") for name in ("work_done", "stored_energy", "dissipated_energy")),
         ("energy error", float(found.attrs["energy_error"]), ""),
-        *((_said(name), str(found.attrs[name]), "") for name in ("solver", "solver_reason", "datum")),
+        *((_said(name), str(found.attrs[name]), "") for name in ("solver", "datum")),
     ]
     panels = [
         (found["time"], found["force"], "time / s", "force / N"),

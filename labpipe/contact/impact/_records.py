@@ -26,9 +26,8 @@ _CONDENSE_SHARE = 0.01
 class Motion:
     """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
 
-    ``approach`` is the sphere's position above the plate's, ``surface`` the displacement of the surface at the pole,
-    which is the same in contact and filled in afterwards; ``stored`` the energy that the springs
-    hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
+    ``surface`` is the displacement of the surface at the pole, filled in afterwards; ``stored`` the energy that the
+    springs hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
     """
 
     time: float = 0.0
@@ -87,8 +86,8 @@ class Fall(NamedTuple):
 class Phase(NamedTuple):
     """While the contact grows, or shrinks: since ``begin`` [s], over a field out to ``outer`` [m].
 
-    At the start of the step: ``edge`` where the edge is looked for, ``start_edge`` where it is (as
-    in ``Path.edge``), ``bulk`` twice the area under the springs or the load of the central spring.
+    At the start of the step: ``edge`` where the edge is looked for, ``start_edge`` where it is, ``bulk`` twice the area
+    under the springs or the load of the central spring.
     """
 
     recedes: bool
@@ -138,10 +137,7 @@ Law = Any
 
 
 class Tables(NamedTuple):
-    """All drops of one material share these: its condensed compliance, its law, and room to compute in.
-
-    ``left_out``: terms that were folded into one, and that were frozen.
-    """
+    """Of a material: condensed compliance, terms folded into one and frozen, its law, and room to compute in."""
 
     creep: Creep
     left_out: tuple[int, int]
@@ -150,10 +146,7 @@ class Tables(NamedTuple):
 
     @classmethod
     def of(cls, creep: Creep, shortest: float, longest: float, rtol: float, *, fold: bool) -> "Tables":
-        """Leave out terms that no contact of a duration ``shortest`` [s] needs within ``longest`` [s].
-
-        The terms that are left are in ascending order, and equal times are one.
-        """
+        """Leave out terms that no contact of a duration ``shortest`` [s] needs; sort the others, equal times as one."""
         n_folded = n_frozen = 0
         if fold:
             creep, n_folded, n_frozen = condense(creep, shortest, longest, _CONDENSE_SHARE * rtol)

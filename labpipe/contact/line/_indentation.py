@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.linalg import toeplitz
 from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
@@ -38,8 +39,6 @@ DEFAULT_ELEMENTS = 1024
 DEFAULT_RTOL = 1e-4
 """Error of the force over the history, relative to the largest."""
 
-# Bytes: larger maps are a mistake more often than a wish.
-_MAX_MAP = 2 << 30
 # So many strips go without the threads of the linear algebra: they gain nothing there, and where all
 # processors are busy a factor of 128 strips waited for them for 20 times its own time.
 _BY_ONE_THREAD = 1200
@@ -196,11 +195,6 @@ class _Line:
         if unknown := [name for name in outputs if name not in ("pressure", "surface", "energy")]:
             raise InputError(f'output "{unknown[0]}" is unknown; use any of pressure, surface, energy')
         maps = [name for name in ("pressure", "surface") if name in outputs]
-        if (n_bytes := len(maps) * time.size * elements * 8) > _MAX_MAP:
-            raise InputError(
-                f"the maps of {time.size} samples would take {n_bytes / 2**30:.1f} GiB; request them "
-                f"for a part of the history or with fewer elements"
-            )
         heights = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period, kernel.spacing)
         limit = self._limit(heights, displacement)
         rows, answers = {name: np.empty((time.size, elements)) for name in maps}, np.empty((time.size, 7))
@@ -226,7 +220,7 @@ class _Line:
                 raise InputError(f"a negative pressure of {least.min():.3g} Pa was found; use more elements")
             rows["pressure"] = np.maximum(rows["pressure"], 0.0)
         counts = march.counts | {"unknowns": march.contact.size}
-        result = self._dataset(time, rows, counts, ("springs", "nested contact"))
+        result = self._dataset(time, rows, counts, "springs")
         if "energy" in outputs:
             error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
             largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
@@ -239,25 +233,22 @@ class _Line:
         step = float(steps.mean()) if steps.size else 0.0
         if steps.size and not (step > 0.0 and np.allclose(steps, step, rtol=1e-6, atol=0.0)):
             raise InputError("the thesis's scheme needs uniform time steps; resample the history")
-        strip = np.arange(kernel.elements)
-        matrix = kernel.influence[np.abs(strip[:, None] - strip)]
         height = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period)
-        lags: Floats = step * np.arange(time.size, dtype=float)
-        scheme = ThesisScheme(matrix, height, self.creep.compliance(lags))
+        creep = self.creep.compliance(step * np.arange(time.size, dtype=float))
+        scheme = ThesisScheme(toeplitz(kernel.influence), height, creep)
         force, width = np.zeros((2, time.size))
         for n, depth in enumerate(displacement):
             scheme.step(n, depth)
             force[n] = kernel.spacing * scheme.pressure.sum()
             width[n] = 0.5 * kernel.spacing * np.count_nonzero(scheme.pressure)
         rows = {"displacement": displacement, "force": force, "contact_half_width": width}
-        return self._dataset(time, rows, scheme.work, ("thesis", "asked for"))
+        return self._dataset(time, rows, scheme.work, "thesis")
 
     def _limit(self, heights: Floats, displacement: Floats) -> str:
         """Sentence on the deepest possible contact; refuse displacements that go beyond."""
         full = float(heights.mean()) if self.kernel.mean_compliance == 0.0 else np.inf
         limit = (
-            f"the contact reaches the end of the indenter (radius {self.tip_radius:.4g} m, period "
-            f"{self.kernel.period:.4g} m); reduce the displacement"
+            f"the contact reaches the end of the indenter of radius {self.tip_radius:.4g} m; reduce the displacement"
         )
         if np.isfinite(full):
             limit = (
@@ -271,9 +262,7 @@ class _Line:
             raise InputError(f"displacement[{beyond[0]}] is {displacement[beyond[0]]:.4g} m: {reason}")
         return limit
 
-    def _dataset(
-        self, time: Floats, rows: dict[str, Floats], counts: dict[str, int], solver: tuple[str, str]
-    ) -> xr.Dataset:
+    def _dataset(self, time: Floats, rows: dict[str, Floats], counts: dict[str, int], solver: str) -> xr.Dataset:
         """Dataset of the rows (time,) or (time, element), per unit of depth."""
         variables: dict[str, Any] = {}
         for name, values in rows.items():
@@ -285,6 +274,5 @@ class _Line:
         if any(values.ndim == 2 for values in rows.values()):
             coordinates["x"] = variable("x", self.kernel.position, "m", "Position along the period")
         work = counts | {"elements": self.kernel.elements, "terms": self.creep.n_terms}
-        attributes = {"solver": solver[0], "solver_reason": solver[1], "datum": self.kernel.datum}
-        attributes |= {"profile": self.profile, "work": json.dumps(work)}
+        attributes = {"solver": solver, "datum": self.kernel.datum, "profile": self.profile, "work": json.dumps(work)}
         return xr.Dataset(variables, coordinates, attributes)
