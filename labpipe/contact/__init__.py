@@ -16,14 +16,13 @@ if TYPE_CHECKING:
         adhesive_states as adhesive_states,
     )
     from labpipe.contact._collision import collision as collision, contact_stiffness as contact_stiffness
-    from labpipe.contact._heating import NOTICEABLE as NOTICEABLE, Heating as Heating, self_heating as self_heating
+    from labpipe.contact._heating import NOTICEABLE as NOTICEABLE, self_heating as self_heating
     from labpipe.contact.impact import Plate as Plate, drop as drop, impacts as impacts
     from labpipe.contact.line import (
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,
         dynamic_stiffness as dynamic_stiffness,
         indent as indent,
-        indent_load as indent_load,
         tapping_amplitude as tapping_amplitude,
     )
     from labpipe.contact.sphere import (

@@ -1,12 +1,8 @@
 r"""Adhesion of an elastic sphere to a rigid flat, and its weight in an impact.
 
-Notation: reduced modulus E* = E/(1 − ν²), sphere radius R, work of adhesion w (the energy of both
-surfaces less that of the interface), contact radius a. Forces are positive when they press.
-
-Validity: elastic, smooth, quasi-static, a ≪ R. A viscoelastic solid sticks more firmly when it is
-pulled off fast, at most by E_unrelaxed/E_relaxed [3]_, and real roughness reduces w by orders of
-magnitude: the numbers here are upper bounds for a rough surface. Adhesion with memory (a crack that
-moves while the bulk relaxes) has no closed form that could check a solver and is not offered.
+Notation: reduced modulus E* = E/(1 − ν²), sphere radius R, work of adhesion w, contact radius a. Forces are positive
+when they press. Valid for elastic, smooth, quasi-static contacts with a ≪ R. A viscoelastic solid sticks more firmly
+when it is pulled off fast, at most by E_unrelaxed/E_relaxed [3]_; roughness reduces w by orders of magnitude.
 
 References
 ----------
@@ -19,6 +15,7 @@ References
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -31,11 +28,8 @@ from labpipe.variables import variable
 
 # Distance of two surfaces at which their attraction vanishes, of about an atom [m].
 _EQUILIBRIUM_DISTANCE = 0.3e-9
-
+# Work of adhesion [J/m2] of a clean smooth polymer on glass or sapphire, the most to expect.
 WORK_OF_ADHESION = 0.05
-"""J/m2; of a clean smooth polymer on glass or sapphire, the most to expect. Roughness and dust
-take away most of it."""
-
 # Share of the force or energy of an impact from which adhesion is said to matter: about the accuracy of a
 # measured restitution.
 _NOTICEABLE = 1e-3
@@ -83,12 +77,8 @@ class Jkr:
 
     @property
     def lost_energy(self) -> float:
-        """Energy [J] that closing and opening the contact costs: 7.09 (w⁵R⁴/E*²)^{1/3}.
-
-        The surfaces jump together at δ = 0 and part where dF/dδ is infinite; between the two the work
-        ∫F dδ is lost to waves and heat.
-        """
-        # ∫F dδ up to the two contact radii, in units of (w⁵R⁴/E*²)^{1/3}.
+        """Energy [J] that closing and opening the contact costs: 7.09 (w⁵R⁴/E*²)^{1/3}."""
+        # The surfaces jump together at δ = 0 and part where dF/dδ is infinite: ∫F dδ between these contact radii.
         a = np.cbrt([np.pi / 8.0, 2.0 * np.pi])
         apart, together = 8.0 / 15.0 * a**5 - 4.0 / 3.0 * np.sqrt(2.0 * np.pi) * a**3.5 + np.pi * a**2
         return float(np.cbrt(self.work**5 * self.radius**4 / self.modulus**2) * (apart - together))
@@ -147,14 +137,11 @@ def adhesive_states(material: Prony, radius: float, work: float, load: float, st
     return xr.Dataset(variables, attrs={"theory": "jkr", "regime": contact.regime, "validity": validity})
 
 
-@dataclass(frozen=True, slots=True)
-class AdhesionEstimate:
-    """Adhesion relative to an impact; see :func:`adhesion_in_impact`.
+class AdhesionEstimate(NamedTuple):
+    """Adhesion relative to an impact: forces in N, the bound that of a fast crack, ``force_share`` that over the peak.
 
-    ``tabor``, ``regime``: Tabor's parameter with the modulus of the impact's time scale, and the theory that holds;
-    ``pull_off``, ``pull_off_bound`` [N]: quasi-static force that parts the surfaces, and the most that a fast crack in
-    this viscoelastic solid can make of it; ``force_share``: the bound over the peak force; ``verdict``: "negligible",
-    of force and kinetic energy of the impact, or "may matter".
+    ``tabor`` and ``regime`` are those of the modulus of the impact's time scale; ``verdict`` is "negligible" in force
+    and kinetic energy, or "may matter".
     """
 
     tabor: float
@@ -211,11 +198,5 @@ def adhesion_in_impact(
     contact = Jkr(radius, modulus, work)
     bound = 2.0 * np.pi * enhanced * radius
     shares = (float(bound / peak_force), Jkr(radius, modulus, enhanced).lost_energy / (0.5 * mass * speed**2))
-    return AdhesionEstimate(
-        tabor=contact.tabor,
-        regime=contact.regime,
-        pull_off=contact.pull_off,
-        pull_off_bound=float(bound),
-        force_share=shares[0],
-        verdict="negligible" if max(shares) < _NOTICEABLE else "may matter",
-    )
+    verdict = "negligible" if max(shares) < _NOTICEABLE else "may matter"
+    return AdhesionEstimate(contact.tabor, contact.regime, contact.pull_off, float(bound), shares[0], verdict)

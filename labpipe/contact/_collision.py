@@ -9,12 +9,11 @@ A semi-empirical model that the thesis fitted before its boundary elements. With
 
 Two versions:
 
-- ``as_printed=True`` (figure A.1): χ = 2E√a/(3(1 − ν²)), which is the law of two *identical*
-  spheres; permanent overlap max(ζ − ζ_yield) and stiffness χ f while unloading, equation (A.8),
-  so that for f > 1 the force jumps up where the motion turns and the model *gains* energy there;
-- default: χ = 4E√a/(3(1 − ν²)), a sphere on a rigid flat, twice as much; unloading with stiffness
-  χ f starts at the force that loading has reached, so the permanent overlap grows by what the
-  stiffer spring does not give back, and energy is lost: e = f^{-1/3} without damping.
+- ``as_printed=True`` (figure A.1): χ = 2E√a/(3(1 − ν²)), the law of two *identical* spheres; permanent overlap
+  max(ζ − ζ_yield) and stiffness χ f while unloading, equation (A.8), so that for f > 1 the force jumps up where the
+  motion turns and the model *gains* energy there;
+- default: χ = 4E√a/(3(1 − ν²)), a sphere on a rigid flat, twice as much; unloading with stiffness χ f starts at the
+  force that loading has reached, so that energy is lost: e = f^{-1/3} without damping.
 
 The total force never pulls. The material has no memory; for that use :func:`labpipe.contact.drop`.
 
@@ -32,7 +31,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -51,6 +50,11 @@ _MAX_EVALUATIONS = 1_000_000
 # contact whose force differs from the weight by what this amplitude amounts to.
 _REST_SHARE = 1e-3
 
+_SERIES = {
+    "displacement": ("m", "displacement of the sphere, upwards, 0 at first touch"),
+    "velocity": ("m/s", "velocity of the sphere, upwards"),
+    "force": ("N", "contact force"),
+}
 _ROWS = {
     "impact_time": ("s", "time of touch"),
     "contact_duration": ("s", "duration of the contact"),
@@ -105,7 +109,7 @@ def collision(
     duration : float [s]
         From the release.
     gravity : float [m/s²]
-        At least 0 is needed for a fall; positive.
+        Positive.
     as_printed : bool
         The thesis's χ and unloading, see the module.
     time : array (time,) [s], optional
@@ -160,10 +164,8 @@ def collision(
     motion = _Motion(stiffness, damping, yield_depth, unloading_multiplier, as_printed, mass, gravity, rtol)
     motion.run(height, duration, impacts)
     phases, table = motion.phases, dict(zip(_ROWS, np.array(motion.rows).reshape(-1, len(_ROWS)).T, strict=True))
-    if time is None:
-        times = np.unique(np.concatenate([phase.times for phase in phases]))
-    else:
-        times = checked_times(time, duration)
+    own = np.unique(np.concatenate([sampled for sampled, _ in phases]))
+    times = own if time is None else checked_times(time, duration)
     # Energy gained in an impact by less than a millionth is rounding.
     if as_printed and np.any(table["energy_dissipated"] < -1e-6 * mass * table["impact_speed"] ** 2):
         warnings.warn(
@@ -172,13 +174,9 @@ def collision(
             UserWarning,
             stacklevel=2,
         )
-    which = np.searchsorted([phase.times[0] for phase in phases], times, side="right") - 1
-    moved = np.concatenate([phases[n].motion(times[which == n]) for n in np.unique(which)], axis=1)
-    variables = {
-        "displacement": variable("time", moved[0], "m", "displacement of the sphere, upwards, 0 at first touch"),
-        "velocity": variable("time", moved[1], "m/s", "velocity of the sphere, upwards"),
-        "force": variable("time", moved[2], "N", "contact force"),
-    }
+    which = np.searchsorted([sampled[0] for sampled, _ in phases], times, side="right") - 1
+    moved = np.concatenate([phases[n][1](times[which == n]) for n in np.unique(which)], axis=1)
+    variables = {name: variable("time", row, *words) for row, (name, words) in zip(moved, _SERIES.items(), strict=True)}
     variables |= {name: variable("impact", values, *_ROWS[name]) for name, values in table.items()}
     restitution = table["rebound_speed"] / table["impact_speed"]
     variables["restitution"] = variable("impact", restitution, "1", "coefficient of restitution")
@@ -205,20 +203,13 @@ def contact_stiffness(radius: float, youngs_modulus: float, nu: float, *, as_pri
     return float(factor * youngs_modulus * np.sqrt(radius) / (3.0 * (1.0 - nu**2)))
 
 
-class _Phase(NamedTuple):
-    """A stretch of smooth motion, sampled at times (time,) [s] with its ends; ``motion`` returns height, v, force."""
-
-    times: Floats
-    motion: Callable[[Floats], Floats]
+# A stretch of smooth motion: times (time,) [s] that sample it with its ends, and height, speed and force at any.
+_Phase = tuple[Floats, Callable[[Floats], Floats]]
 
 
 @dataclass
 class _Motion:
-    """The sphere's motion as a sequence of phases; x is the height of its lowest point.
-
-    ``stiffness`` χ, ``damping`` c_v, ``yield_depth`` (overlap beyond which it is permanent), ``multiplier`` f and
-    ``as_printed`` are those of the law; the flat remembers its ``deepest`` and its ``permanent`` overlap [m].
-    """
+    """The sphere's motion as a sequence of phases; x is its lowest point."""
 
     stiffness: float
     damping: float
@@ -231,18 +222,15 @@ class _Motion:
     deepest: float = 0.0
     permanent: float = 0.0
     evaluations: int = 0
+    rest_speed: float = 0.0
     phases: list[_Phase] = field(default_factory=list)
     rows: list[tuple[float, ...]] = field(default_factory=list)
-
-    @property
-    def rest_speed(self) -> float:
-        """Speed [m/s] from which the sphere rises by a part of the static overlap that cannot be seen."""
-        static = (self.mass * self.gravity / self.stiffness) ** (2.0 / 3.0)
-        return math.sqrt(2.0 * self.gravity * _REST_SHARE * static)
 
     def run(self, height: float, duration: float, most: int | None) -> None:
         """Follow all phases up to ``duration`` [s], or so many contacts."""
         now, x, v, g = 0.0, height, 0.0, self.gravity
+        static = (self.mass * g / self.stiffness) ** (2.0 / 3.0)
+        self.rest_speed = math.sqrt(2.0 * g * _REST_SHARE * static)
         while len(self.rows) != most:
             speed = math.sqrt(max(v**2 + 2.0 * g * (x + self.permanent), 0.0))
             landing = now + (v + speed) / g
@@ -256,7 +244,7 @@ class _Motion:
                 return
             first = len(self.phases)
             lifted = self._contact(now, x, v, duration)
-            moved = np.concatenate([phase.motion(phase.times) for phase in self.phases[first:]], axis=1)
+            moved = np.concatenate([motion(times) for times, motion in self.phases[first:]], axis=1)
             at, risen, rebound = lifted or (math.nan, math.nan, math.nan)
             lost = self.mass * (0.5 * (v**2 - rebound**2) + g * (x - risen))
             self.rows.append((now, at - now, -v, rebound, moved[2].max(), -moved[0].min(), self.permanent, lost))
@@ -282,7 +270,7 @@ class _Motion:
             s = t - now
             return np.stack([x + v * s - 0.5 * gravity * s**2, v - gravity * s, np.full_like(s, push)])
 
-        self.phases.append(_Phase(np.linspace(now, end, 33), motion))
+        self.phases.append((np.linspace(now, end, 33), motion))
 
     def _contact(self, now: float, x: float, v: float, end: float) -> tuple[float, float, float] | None:
         """Follow a contact and the dent that it leaves; return when its force ended, x and v then, None if never."""
@@ -351,5 +339,5 @@ class _Motion:
             if not self.as_printed:  # unloading starts at the force that loading has reached
                 plastic = self.deepest - (self.deepest - plastic) * self.multiplier ** (-2.0 / 3.0)
             self.permanent = max(self.permanent, plastic)
-        self.phases.append(_Phase(np.linspace(now, reached, 65), motion))
+        self.phases.append((np.linspace(now, reached, 65), motion))
         return reached, last, speed, found[0] if found else "end"

@@ -17,8 +17,6 @@ References
    sphere at a uniform temperature).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
@@ -34,38 +32,16 @@ NOTICEABLE = 0.01
 
 
 def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
-    """Share of its rise that the centre of an evenly heated (half) sphere keeps after a time.
-
-    ``radius`` [m]. ``time`` [s]: Not negative; 0 gives 1.
-    """
+    """Share of its rise that the centre of an evenly heated (half) sphere of a radius [m] keeps after a time [s]."""
     with np.errstate(divide="ignore"):
         s = np.asarray(radius) / (2.0 * np.sqrt(thermal.diffusivity * np.asarray(time, float)))
     bounded = np.minimum(s, 25.0)  # exp(−s²) is 0 from here on
     return np.asarray(erf(bounded) - 2.0 / np.sqrt(np.pi) * bounded * np.exp(-(bounded**2)))
 
 
-@dataclass(frozen=True, slots=True)
-class Heating:
-    """Self-heating over the impacts of a drop; see :func:`self_heating`.
-
-    ``dataset`` over ``impact``: ``bulk_rise``, ``train_rise``, ``train_rise_adiabatic`` [K] and ``modulus_change``.
-    ``bulk`` [K]: largest rise of one impact; ``train``, ``train_adiabatic`` [K]: of the train, with conduction and
-    (upper bound) without;
-    ``modulus_change``, ``modulus_change_bound``: relative change of ``|E*|`` at the contact's frequency by these two;
-    ``verdict``: "negligible" when the bound changes ``|E*|`` by less than a hundredth, "matters" when the estimate
-    changes it by more, "may matter" between them.
-    """
-
-    dataset: xr.Dataset
-    bulk: float
-    train: float
-    train_adiabatic: float
-    modulus_change: float
-    modulus_change_bound: float
-    verdict: str
-
-
-def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, temperature: float | None = None) -> Heating:
+def self_heating(
+    drop: xr.Dataset, material: Material, thermal: Thermal, temperature: float | None = None
+) -> xr.Dataset:
     """Estimate the self-heating of a simulated drop, and its effect on the modulus.
 
     Parameters
@@ -77,6 +53,14 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     thermal : Thermal
     temperature : float [degC], optional
         Of the experiment; by default the material's reference.
+
+    Returns
+    -------
+    Dataset
+        Over ``impact``: ``bulk_rise`` [K] by the impact alone, ``train_rise`` [K] and, without conduction,
+        ``train_rise_adiabatic`` [K] by all so far, ``modulus_change`` of ``|E*|`` at the contact's frequency.
+        ``attrs["verdict"]``: "negligible" when the bound without conduction changes ``|E*|`` by less than a hundredth,
+        "matters" when the estimate changes it by more, "may matter" between them.
 
     Raises
     ------
@@ -90,7 +74,7 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     >>> acrylic = describe("acrylic")
     >>> one = drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.04)
     >>> found = self_heating(one, acrylic, thermal("acrylic"))
-    >>> found.verdict, round(found.bulk, 1)
+    >>> found.verdict, round(float(found.bulk_rise[0]), 1)
     ('negligible', 0.6)
     """
     if "dissipated_energy" not in drop or not drop.sizes["impact"]:
@@ -110,16 +94,15 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     omega, start = np.pi / contact[0], material.T_ref if temperature is None else temperature
     rises = [0.0, *train.tolist(), float(adiabatic[-1])]
     modulus = np.array([abs(complex(material.at(start + rise).complex_modulus(omega))) for rise in rises])
-    *changes, largest = (modulus[1:] / modulus[0] - 1.0).tolist()
-    change = max(changes, key=abs)
-    verdict = "negligible" if abs(largest) < NOTICEABLE else "matters" if abs(change) >= NOTICEABLE else "may matter"
+    *changes, bound = (modulus[1:] / modulus[0] - 1.0).tolist()
+    matters = max(map(abs, changes)) >= NOTICEABLE
+    verdict = "negligible" if abs(bound) < NOTICEABLE else "matters" if matters else "may matter"
     columns = {
-        "bulk_rise": (bulk, "temperature rise of the contact's hemisphere by one impact"),
-        "train_rise": (train, "temperature rise after all impacts so far, with conduction"),
-        "train_rise_adiabatic": (adiabatic, "the same, without conduction"),
+        "bulk_rise": (bulk, "K", "temperature rise of the contact's hemisphere by one impact"),
+        "train_rise": (train, "K", "temperature rise after all impacts so far, with conduction"),
+        "train_rise_adiabatic": (adiabatic, "K", "the same, without conduction"),
+        "modulus_change": (np.array(changes), "1", "relative change of |E*| by the rise after the impact"),
     }
-    dataset = xr.Dataset({n: variable("impact", v, "K", text) for n, (v, text) in columns.items()})
-    label = "relative change of |E*| by the temperature rise after the impact"
-    dataset["modulus_change"] = variable("impact", np.array(changes), "1", label)
-    most = [float(rise.max()) for rise in (bulk, train, adiabatic)]
-    return Heating(dataset, most[0], most[1], most[2], change, largest, verdict)
+    return xr.Dataset(
+        {name: variable("impact", *column) for name, column in columns.items()}, attrs={"verdict": verdict}
+    )

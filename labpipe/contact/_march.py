@@ -39,11 +39,10 @@ def room_for(n_springs: int, n_elements: int) -> Room:
 class March:
     """One contact, one material, one history.
 
-    ``control`` is the quantity that the history prescribes; ``rtol`` the error of force or approach over their largest
-    values; ``limit`` the message when the contact reaches the end of the bed. While
-    :meth:`run` goes on, ``room`` holds the springs, and ``answer`` (7,): displacement [m], force, contact half width
-    [m], work of the indenter on the springs (trapezoids over the steps), heat of the material, exact for the load
-    path taken, and energy held; force and energies per reduced modulus and unit depth of a line.
+    ``rtol`` is the error of force or approach over their largest values; ``limit`` the message when the contact reaches
+    the end of the bed; ``answer`` (7,): displacement [m], force, contact half width [m], work of the indenter on the
+    springs (trapezoids over the steps), heat of the material, exact for the load path taken, and energy held; force
+    and energies per reduced modulus and unit depth of a line.
     """
 
     contact: SpringBed
@@ -61,11 +60,7 @@ class March:
         return dict(zip(("solver_steps", "rejected_steps", "solves"), self._counts.tolist(), strict=True))
 
     def run(self, time: Floats, value: Floats) -> Iterator[Floats]:
-        """Yield the answer (7,) at every sample of the history.
-
-        ``time`` (time,) [s]: never falling; ``value`` (time,) [m or N]: displacement, or force per tip (and unit
-        depth). A contact that reaches the end of the bed, is not nested, or takes too many steps raises InputError.
-        """
+        """Yield the answer (7,) at every sample of a history of displacement [m], or force per tip (and unit depth)."""
         law, rtol = self.creep.elements, self.rtol
         self.room, self.answer[:] = room_for(self.contact.size, law.rate.size), 0.0
         springs = Springs(self.contact, law, self.room)

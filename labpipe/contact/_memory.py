@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 
 
 class Elements(NamedTuple):
-    """The elements of a spring as steps take them: ``w' + rate w = flow q`` of each, and the compliance in series.
-
-    ``instantaneous`` [1/Pa]; ``rate`` (element,) [1/s] is 0 of the dashpot of a liquid; ``flow`` [1/(Pa s)].
-    """
+    """The elements of a spring as steps take them: ``w' + rate w = flow q`` of each, a dashpot with rate 0 last."""
 
     instantaneous: float
     rate: Floats
@@ -41,12 +38,9 @@ class Elements(NamedTuple):
 
 @dataclass(frozen=True)
 class Creep:
-    """Contact creep compliance in 1/Pa.
+    """Contact creep compliance in 1/Pa, with the factor ``1 - nu**2`` of the half-space.
 
-    ``J*(t) = instantaneous + sum C (1 - exp(-t/tau)) + fluidity t``, which already holds the
-    factor ``1 - nu**2`` of the half-space. No terms and no fluidity is an elastic solid.
-
-    ``instantaneous`` [1/Pa]. ``C`` (term,) [1/Pa]. ``tau`` (term,) [s]. ``fluidity`` [1/(Pa s)].
+    ``J*(t) = instantaneous + sum C (1 - exp(-t/tau)) + fluidity t``.
     """
 
     instantaneous: float
@@ -68,10 +62,7 @@ class Creep:
 
     @classmethod
     def of(cls, material: "Prony") -> "Creep":
-        """Take the compliance of a half-space of the material.
-
-        A material without an instantaneous compliance (a dashpot in parallel) raises InputError.
-        """
+        """Take the compliance of a half-space of the material."""
         C, tau = material.creep_terms()
         modulus = float(material.E_unrelaxed)
         if not (np.isfinite(modulus) and modulus > 0.0):
@@ -83,10 +74,7 @@ class Creep:
         return cls(1.0 / modulus * factor, C * factor, tau, float(material.fluidity) * factor)
 
     def on(self, compliance: float) -> "Creep":
-        """Return the compliance of contact with an elastic counter-body: the compliances add up.
-
-        ``compliance`` [1/Pa]: ``(1 - nu**2)/E`` of the other body.
-        """
+        """Return that of contact with an elastic body of a ``compliance`` ``(1 - nu**2)/E`` [1/Pa]: they add up."""
         return Creep(self.instantaneous + compliance, self.C, self.tau, self.fluidity)
 
     @property
@@ -107,15 +95,11 @@ class Creep:
 
 
 def condense(creep: Creep, shortest: float, longest: float, tolerance: float) -> tuple[Creep, int, int]:
-    """Fold terms far below a time scale into one, and drop those far above it.
+    """Fold terms far below the ``shortest`` event [s] into one, and drop those far above the ``longest``.
 
-    Fast terms become a single term with the same sum of ``C`` and the same sum of ``C tau``: what
-    is left out is of second order in ``tau/shortest``. Slow terms, which have no time to creep, are
-    dropped.
-
-    ``shortest`` [s]: duration of the fastest event of interest; ``longest`` [s]: of everything; ``tolerance``:
-    relative error of the compliance that each of the two shortcuts may cost. Returns the shorter compliance, with the
-    same instantaneous one, and how many terms were folded into one and dropped.
+    Fast terms become a single term with the same sum of ``C`` and the same sum of ``C tau``: what is left out is of
+    second order in ``tau/shortest``. Each of the two shortcuts may cost ``tolerance`` of the compliance. Returns the
+    shorter compliance, and how many terms were folded and dropped.
     """
     order = np.argsort(creep.tau)
     C, tau = creep.C[order], creep.tau[order]

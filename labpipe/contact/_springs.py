@@ -15,14 +15,10 @@ vanishes, so the sign of q is the active-set test. Pressures are needed for outp
 p = L⁻ᵀ (L⁻¹w · q). A sphere has the same structure with closed forms (method of dimensionality
 reduction), see :func:`sphere_bed`; so have rings (:mod:`labpipe.contact.impact._rings`).
 
-Two corrections make the bed fourth-order accurate in the strip width where a plain sum of strips
-is first order in the contact width (staircase) and second order in force:
-
-- *edge*: the force is the Euler-Maclaurin sum over the springs with the edge located between two of
-  them (second Bernoulli polynomial of the edge's position), so force and width are continuous;
-- *profile*: collocation at the strip's centre sees a curved profile Δx² f″/48 too low (half way to
-  the strip's mean Δx² f″/24); found against the closed form, where the error left is 4e-6 in force
-  at 20 strips per half width and 4e-8 at 100.
+Two corrections make the bed fourth-order accurate in the strip width: the force is the Euler-Maclaurin sum over the
+springs with the edge located between two of them (second Bernoulli polynomial of the edge's position); and collocation
+at the strip's centre sees a curved profile Δx² f″/48 too low. Against the closed form the error left is 4e-6 in force
+at 20 strips per half width and 4e-8 at 100.
 """
 
 import math
@@ -65,16 +61,10 @@ class SpringBed(NamedTuple):
 
 
 def sphere_bed(radius: float, reach: float, springs: int, profile: str = "parabola") -> SpringBed:
-    """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.
+    """Springs of a sphere on a half-space up to a contact radius ``reach`` [m] and two more, for E* = 1.
 
-    ``radius`` [m]: of the sphere; ``reach`` [m]: largest contact radius that will be asked for; ``springs``: number
-    of springs within the reach; ``profile``: "parabola", whose elastic contact of radius b has an approach of b²/R, or
-    the exact "sphere", (b/2) ln((R + b)/(R − b)) = b artanh(b/R).
-
-    References
-    ----------
-    Popov and Heß, Method of Dimensionality Reduction in Contact Mechanics and Friction, Springer
-    2015, https://doi.org/10.1007/978-3-642-53876-6.
+    By the method of dimensionality reduction (Popov and Heß 2015, https://doi.org/10.1007/978-3-642-53876-6): an
+    elastic contact of radius b has an approach of b²/R, for the exact sphere of b artanh(b/R).
     """
     spacing = reach / springs
     # Two springs beyond the reach locate an edge that lies exactly on it.
@@ -91,10 +81,9 @@ def press(
 ) -> tuple[int, float, float]:
     """Press a bed of springs to a displacement [m] and write their ``load`` (spring,).
 
-    ``threshold`` (spring,) [m] is the displacement that touches each spring now, its gap and what is left of its
-    history; ``compliance`` [1/Pa] that of this step; ``shrinks``: the displacement is smaller than before. Returns the
-    number of springs in contact, or NOT_NESTED or OUTGROWN; their force (per reduced modulus, and depth of a line);
-    and the contact half width [m].
+    ``threshold`` (spring,) [m] is the displacement that touches each spring now; ``compliance`` [1/Pa] that of this
+    step. Returns the number of springs in contact, or NOT_NESTED or OUTGROWN; their force (per reduced modulus, and
+    depth of a line); and the contact half width [m].
     """
     size, touched = load.size, 0
     for j in range(size):
@@ -123,9 +112,7 @@ def balance(bed: SpringBed, threshold: Floats, pull: float, target: float, carri
     """Displacement [m] at which the springs carry a force and a spring that pulls to a target, and their force.
 
     Forces, and the stiffness ``pull`` of that spring, are times the step compliance; without a force the indenter just
-    touches. The displacement is found by the secant method within a bracket; the force is continuous and made of a
-    plain sum, which is piecewise linear, and the edge's small part. It begins where the plain sum alone carries the
-    force, with the slope of that sum.
+    touches. By the secant method within a bracket, from where the plain sum without the edge's part carries the force.
     """
     size = threshold.size
     if carried <= 0.0 and pull * (target - threshold[0]) <= 0.0:
@@ -180,9 +167,8 @@ def balance(bed: SpringBed, threshold: Floats, pull: float, target: float, carri
 def _smooth_edge_force(bed: SpringBed, threshold: Floats, displacement: float, touched: int) -> float:
     """Force of the edge as :func:`press` adds it, but continuous as springs come and go.
 
-    The share is the place between the inner and the outer spring where the loads of either side,
-    linear in the gap, reach zero; the two add up to the cell in a contact that neither relaxes nor
-    recovers. Less accurate than the share of one side, which jumps where springs come and go.
+    The share is the place between two springs where the loads of either side, linear in the gap, reach zero. Less
+    accurate than the share of one side, which jumps where springs come and go.
     """
     inside, outside = touched - 1, touched
     if touched < 2 or outside + 1 == threshold.size:
@@ -223,10 +209,7 @@ def _width(bed: SpringBed, touched: int, share: float) -> float:
 
 @inner()
 def _edge_force(bed: SpringBed, threshold: Floats, displacement: float, touched: int, share: float) -> float:
-    """Force, times the compliance, between the plain sum over springs and the integral up to the edge.
-
-    Continuous as springs come and go, if ``share`` is.
-    """
+    """Force, times the compliance, between the plain sum over springs and the integral up to the edge."""
     if touched < 2:
         return 0.0
     inside, outside = touched - 1, touched

@@ -40,10 +40,9 @@ _FAST = {"reassoc", "contract", "nsz"}  # sums in any order
 class Room(NamedTuple):
     """State of the springs, and room for a step.
 
-    (spring,): ``load`` [Pa], ``whole``, ``middle`` and ``end`` loads of a step, ``past`` and its
-    successors the displacements that touch each spring then; ``memory`` (element, spring) [m] with ``halfway``;
-    ``one``, ``half`` (3, element): weights of the memory, and of the old and the new load; (6,): motion of sphere
-    and plate, displacement, velocity and acceleration of each.
+    (spring,): ``load`` [Pa], ``whole``, ``middle`` and ``end`` loads of a step, ``past`` and its successors the
+    displacements that touch each spring then; (element, spring): ``memory`` [m]; (3, element): weights of the memory,
+    and of the old and the new load; (6,): displacement, velocity and acceleration of sphere and plate.
     """
 
     load: Floats
@@ -89,7 +88,6 @@ class Rules(NamedTuple):
     rest_tolerance: float
     rest_period: float
     rest_speed: float
-    plate_speed: float
 
 
 class Step(NamedTuple):
@@ -206,10 +204,7 @@ def _solve(
     before: float,
     load: Floats,
 ) -> tuple[int, float, float, float]:
-    """Springs in contact, displacement, force and half width under a displacement, a force, or a body.
-
-    Of a body the ``goal`` is the approach without force, and ``answer`` the approach per force.
-    """
+    """Springs in contact, displacement, force and half width; of a body the approach without force is the goal."""
     displacement, scaled = goal, 0.0
     if control == FORCE:
         displacement, scaled = balance(bed, threshold, 0.0, 0.0, goal * compliance)
@@ -362,13 +357,9 @@ def cross(
 
 @inner()
 def _rests(now: Any, pace: Any, body: Body, rules: Rules) -> bool:
-    """Look whether speed and force swing no more than allowed for a whole period.
-
-    Speed alone will not do: it vanishes at every turn. Its swing is taken, not its size, because a
-    contact at rest still creeps.
-    """
+    """Look whether force and speed swing no more than allowed for a whole period; at rest it still creeps."""
     unbalanced = abs(now.force / (body.mass * body.gravity) - 1.0)
-    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.plate_speed)
+    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.rest_speed)
     pace.slowest = min(pace.slowest, now.velocity)
     pace.fastest = max(pace.fastest, now.velocity)
     pace.largest = max(pace.largest, unbalanced)

@@ -6,15 +6,12 @@ rings in contact, solve
 .. math::
     J(0)\,G\,\sigma^n = w^n - G \sum_{k<n} J((n-k)\Delta t)\,\Delta\sigma^k + J(0)\,G\,\sigma^{n-1}
 
-over an active set: elements that would pull leave it, elements that would overlap enter it. The sum runs
-over all past steps again at every step, so the cost grows with the square of their number. A retardation
-time far below Δt answers with the glassy modulus although it has long relaxed; where J(Δt) > 2 J(0)
-successive steps over- and undershoot, and the contact flickers.
+over an active set: elements that would pull leave it, elements that would overlap enter it. The cost grows with the
+square of the steps. A retardation time far below Δt answers with the glassy modulus although it has long relaxed; where
+J(Δt) > 2 J(0) successive steps over- and undershoot.
 
-It is the reference that the benchmark and the tests measure against, and is never used by default. The
-thesis does not say how it integrates the motion (3.9); here the approach of a step is that of constant
-acceleration since the step before (velocity Verlet), and the contact is then solved at that approach,
-which is how (3.6)-(3.9) read.
+It is a reference, never used by default. The thesis does not say how it integrates the motion (3.9); here the approach
+of a step is that of constant acceleration since the step before (velocity Verlet).
 """
 
 from collections.abc import Callable
@@ -38,8 +35,7 @@ class ThesisScheme:
     """Pressures (element,) [Pa] of one contact, step by step.
 
     ``matrix`` (element, element) [m]: influence; ``gap`` (element,) [m]: height of the indenter; ``creep`` (step,)
-    [1/Pa]: contact compliance at all lags. Steps that would take hours raise InputError, an active set that does not
-    settle LabpipeError.
+    [1/Pa]: contact compliance at all lags.
     """
 
     matrix: Floats
@@ -96,10 +92,8 @@ def drop_thesis(
 ) -> tuple[Floats, dict[str, int]]:
     """Follow a sphere from first touch in equal time steps.
 
-    ``rings``: influence (ring, ring) [m], gap (ring,) [m] and width [m]; ``compliance``: contact creep compliance
-    [1/Pa] of times [s]; ``speed`` [m/s] is that at first touch, from which ``duration`` [s] counts; ``mass`` [kg] may
-    include what the sphere carries. Returns (6, step + 1) time, position, velocity, force, contact radius and reduced
-    gap, lengths downwards positive, and the work done. A contact that outgrows the rings raises LabpipeError.
+    ``rings``: influence (ring, ring) [m], gap (ring,) [m] and width [m]. Returns (6, step + 1) time, position,
+    velocity, force, contact radius and reduced gap, lengths downwards positive, and the work done.
     """
     matrix, gap, width = rings
     steps = ceil(duration / time_step)

@@ -66,7 +66,7 @@ def _elastic(quick: bool) -> Suite:
     has_peer = find_spec("tamaas") is not None
     calls: dict[str, tuple[str, Callable[[], object]]] = {}
     for n in (64, 256, 1024) if quick else (64, 256, 1024, 4096, 16384):
-        # All strips of the half period are factored for the answer to a load: not for the finest grids.
+        # All strips that may be touched are factored: not for the finest grids.
         if n <= _MOST_FACTORED:
             calls[f"springs, {n} strips"] = OURS, partial(_pressure, n)
         if has_peer:
@@ -80,9 +80,9 @@ def _elastic(quick: bool) -> Suite:
 def _pressure(elements: int) -> Floats:
     """Return the pressure (element,) over its mean, centred."""
     solid = Prony(1.0, [], [], nu=0.0)
-    load = [_MEAN * _PERIOD**2 / (4.0 * np.pi * _RADIUS)]
+    approach = [float(westergaard.from_half_width(_SHARE * _PERIOD, _RADIUS, _PERIOD, 1.0, "cosine").displacement)]
     options: dict[str, Any] = {"elements": elements, "outputs": ("pressure",)}
-    found = contact.indent_load(solid, _RADIUS, _PERIOD, 1.0, [0.0], load, "cosine", **options)
+    found = contact.indent(solid, _RADIUS, _PERIOD, 1.0, [0.0], approach, "cosine", **options)
     pressure: Floats = found.pressure.values[0]
     return pressure / pressure.mean()
 

@@ -139,13 +139,14 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     if is_heated:
         thermal = thermal_of(material, *properties)
         heat = contact.self_heating(found, describe(material), thermal, temperature)
-        over = np.flatnonzero(np.abs(heat.dataset["modulus_change"].values) >= contact.NOTICEABLE)
+        change = heat["modulus_change"].values
+        over = np.flatnonzero(np.abs(change) >= contact.NOTICEABLE)
         rows += [
-            ("self-heating", f"{heat.verdict}{f' from impact {over[0] + 1} on' if over.size else ''}", ""),
-            ("self-heating by the first impact", float(heat.dataset["bulk_rise"][0]), "K"),
-            ("self-heating after all impacts", heat.train, "K"),
-            ("self-heating without conduction", heat.train_adiabatic, "K"),
-            ("change of modulus by heating", heat.modulus_change, ""),
+            ("self-heating", f"{heat.attrs['verdict']}{f' from impact {over[0] + 1} on' if over.size else ''}", ""),
+            ("self-heating by the first impact", float(heat["bulk_rise"][0]), "K"),
+            ("self-heating after all impacts", float(heat["train_rise"].max()), "K"),
+            ("self-heating without conduction", float(heat["train_rise_adiabatic"].max()), "K"),
+            ("change of modulus by heating", float(max(change, key=abs)), ""),
             ("thermal properties", f"{thermal.status}: {thermal.source}", ""),
         ]
     start = float(found["impact_time"][0]) if n else 0.0
@@ -198,7 +199,7 @@ def indent(
         ("largest contact half-width", float(found["contact_half_width"].max()), "m"),
         *((_said(name), float(last[name]), "J") for name in ("work_done", "stored_energy", "dissipated_energy")),
         ("energy error", float(found.attrs["energy_error"]), ""),
-        *((_said(name), str(found.attrs[name]), "") for name in ("solver", "solver_reason", "datum")),
+        *((_said(name), str(found.attrs[name]), "") for name in ("solver", "datum")),
     ]
     panels = [
         (found["time"], found["force"], "time / s", "force / N"),

@@ -103,14 +103,11 @@ def elastic_line(random: Random) -> Outcome:
     pressed = contact.indent(
         solid, radius, period, 1.0, [0.0], [float(exact.displacement)], outputs=("pressure",), **options
     )
-    pushed = contact.indent_load(solid, radius, period, 1.0, [0.0], [float(exact.force)], **options)
     force = abs(float(pressed.force[0]) / float(exact.force) - 1.0)
     width = abs(float(pressed.contact_half_width[0]) / period - share) * 256
-    depth = abs(float(pushed.displacement[0]) / float(exact.displacement) - 1.0)
     return worst(
         (force / 5e-5, "relative error of a line's force 5e-5"),
         (width / 0.05, "error of a half width 0.05 strips"),
-        (depth / 5e-5, "relative error of a line's approach 5e-5"),
         (-float(pressed.pressure.min()), "a pressure below zero"),
     )
 

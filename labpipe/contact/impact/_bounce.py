@@ -8,9 +8,9 @@ from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
-from labpipe.contact.impact._method import MEANS, N_NODES, STAGES, TO_POWERS, WEIGHTS, Tables, interpolation
-from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Room, Trail
-from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
+from labpipe.contact.impact._radau import MEANS, TO_POWERS, WEIGHTS, interpolation
+from labpipe.contact.impact._records import MOTION, N_NODES, STAGES, Fall, Motion, Room, Tables, Trail
+from labpipe.contact.impact._ting import LIFTED, contact, peaks_of
 
 # Records of each step: its start and so many instants inside.
 _RECORDS_PER_STEP = 12
@@ -18,10 +18,7 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 class _Dent(NamedTuple):
-    """Displacement (element, node) [m] of the springs out to an edge [m].
-
-    ``shown`` (element,) [J] is the energy of those that no later dent covers.
-    """
+    """Displacement (element, node) [m] of springs out to an edge [m], and energy (element,) [J] of the uncovered."""
 
     edge: float
     values: Floats
@@ -35,10 +32,7 @@ class _Dent(NamedTuple):
 
 @dataclass(slots=True)
 class Dents:
-    """Dents that contacts left on the surface: the latest, and the parts of earlier ones that reach beyond it.
-
-    Without ``has_energy`` no account is kept of the energy that they store.
-    """
+    """Dents that contacts left on the surface: the latest, and the parts of earlier ones that reach beyond it."""
 
     creep: Creep
     has_energy: bool = True
@@ -87,10 +81,7 @@ class Dents:
 
 
 class Bounce(NamedTuple):
-    """One contact that ended in a lift-off: its largest values, and its course where an account of energy is kept.
-
-    ``largest`` [m]: contact radius; ``mislaid`` [J]: energy error at its end, ``worst`` on the way.
-    """
+    """One contact that ended in a lift-off: largest radius [m] and more, energy error [J] at its end and on the way."""
 
     largest: float
     peak_force: float
@@ -102,7 +93,13 @@ class Bounce(NamedTuple):
 
 
 def bounce(
-    tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float, counts: Counts, times: Floats | None = None
+    tables: Tables,
+    fall: Fall,
+    now: Motion,
+    dents: Dents,
+    mislaid: float,
+    counts: dict[str, int],
+    times: Floats | None = None,
 ) -> Bounce | None:
     """Follow one contact from touch; None unless it shrinks once and ends in a lift-off.
 
@@ -121,12 +118,12 @@ def bounce(
     state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
     room.approach[0] = 0.0
     outcome, n, peak, rejected = contact(tables.law, fall, outer, room, dents.has_energy)
-    counts.rejected_steps += rejected
+    counts["rejected_steps"] += rejected
     if outcome != LIFTED:
         return None
-    counts.solver_steps += n
-    counts.kernel_products += n
-    counts.spring_updates += n * centre.size * N_NODES
+    counts["solver_steps"] += n
+    counts["kernel_products"] += n
+    counts["spring_updates"] += n * centre.size * N_NODES
     largest, lasted = float(state[peak, 3]), float(time[n])
     before = dents.stored()
     dents.cover(largest)
@@ -157,9 +154,12 @@ def bounce(
         course["time"] = at
         for name in ("position", "approach", "surface"):
             course[name] += origin
-    peaks = np.zeros(4)
-    worst = outcome_of(fall, room, n, mislaid, peaks)
-    end = state[n].tolist()
+    moved = state[: n + 1]
+    energy = 0.5 * fall.mass * moved[:, 1] ** 2 - fall.mass * fall.gravity * moved[:, 0] + moved[:, 6] + moved[:, 7]
+    energy += 0.5 * (fall.plate_mass * moved[:, 5] ** 2 + fall.plate_stiffness * moved[:, 4] ** 2)
+    error = mislaid + energy - energy[0]
+    peaks, end = np.zeros(3), state[n].tolist()
+    peaks_of(room, n, peaks)
     now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
     now.acceleration, now.force, now.contact_radius = fall.gravity, 0.0, 0.0
     now.plate_displacement, now.plate_velocity, now.plate_loss = end[4], end[5], end[6]
@@ -167,8 +167,9 @@ def bounce(
     now.approach = now.position - now.plate_displacement
     if fall.plate_mass:
         now.plate_acceleration = -(fall.plate_damping * end[5] + fall.plate_stiffness * end[4]) / fall.plate_mass
-    force, approach, deepest, error = peaks.tolist()
-    return Bounce(largest, force, approach + origin, deepest + origin, error, float(worst), course)
+    force, approach, deepest = peaks.tolist()
+    worst = max(abs(mislaid), float(np.abs(error).max()))
+    return Bounce(largest, force, approach + origin, deepest + origin, float(error[-1]), worst, course)
 
 
 def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from math import nan, pi
 
 import numpy as np
@@ -73,7 +72,7 @@ def dataset(
         "numerical_energy": setting.mass * setting.gravity * setting.height - known,
     } | on_plate
     n_folded, n_frozen = train.tables.left_out
-    work = asdict(train.counts) | {
+    work = train.counts | {
         "springs": 0 if train.stepper is None else train.stepper.bed.size,
         "terms": train.tables.creep.n_terms,
         "terms_folded": n_folded,
@@ -140,9 +139,9 @@ def batch_dataset(trains: Sequence[Train], most: int) -> xr.Dataset:
     made["impacts"] = variable("drop", np.array(happened), "1", "impacts that happened, at most those asked for")
     final = [train.final_touch + train.setting.fall_time for train in trains]
     made["final_contact_time"] = variable("drop", np.array(final), *_SCALARS["final_contact_time"])
-    steps = [int(train.counts.solver_steps) for train in trains]
+    steps = [train.counts["solver_steps"] for train in trains]
     made["solver_steps"] = variable("drop", np.array(steps), "1", "steps of the solver")
-    rejected = sum(int(train.counts.rejected_steps) for train in trains)
+    rejected = sum(train.counts["rejected_steps"] for train in trains)
     counts = {"solver_steps": sum(steps), "rejected_steps": rejected, "impacts": sum(happened)}
     return xr.Dataset(made, attrs={"work": json.dumps(counts)})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, nan
 from time import perf_counter
 from typing import Any
@@ -13,24 +13,21 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep, checked_times
 from labpipe.contact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._dataset import batch_dataset, dataset, thesis_dataset
-from labpipe.contact.impact._method import Tables
-from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact._records import Tables
 from labpipe.contact.impact._rings import Profile, influence, surface_gap
-from labpipe.contact.impact._setting import MAX_STEPS, Scales, Setting, Solver, exact, warn_of_millimetres
-from labpipe.contact.impact._stepper import AnnularContactError
+from labpipe.contact.impact._setting import MAX_STEPS, Plate, Scales, Setting, Solver, exact, warn_of_millimetres
 from labpipe.contact.impact._train import COLUMNS, MARGIN, Train
 from labpipe.contact.sphere import Substrate, counter_compliance
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure
 
-# A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
-# and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
-_ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
+# A run that mislays more than this times rtol of the drop's energy says so; usual are 0.4 for one impact and 0.8 for a
+# long train.
+_ENERGY_LIMIT = 5.0
 
 
 def drop(
@@ -165,7 +162,7 @@ def drop(
     wanted = None if times is None else checked_times(times, t)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
     expected = Scales.of(creep, setting)
-    observe = None if progress is None else _Throttle(progress, setting)
+    observe = None if progress is None else lambda since: progress(min((setting.fall_time + since) / t, 1.0))
     if solver == "thesis":
         width = RING_WIDTH if ring_width is None else ring_width
         count = ceil(MARGIN * 2.0 * expected.radius / width) + 1
@@ -176,13 +173,12 @@ def drop(
         step, lasts = TIME_STEP if time_step is None else time_step, max(t - setting.fall_time, 0.0)
         run, work = drop_thesis(rings, creep.compliance, m, setting.gravity, setting.speed, lasts, step, observe)
         return thesis_dataset(run, work, setting, wanted, perf_counter() - started)
-    train = _refined(
-        setting, creep, expected, observe=observe, times=None if wanted is None else wanted - setting.fall_time
-    )
+    tables = Tables.of(creep, expected.duration, t, rtol, fold=not full)
+    train = Train(setting, tables, expected, None, observe, None if wanted is None else wanted - setting.fall_time)
+    _run(train)
     rigid = None
     if plate is not None:
-        floor = replace(setting, plate=None, rows_only=True)
-        rows = Train(floor, _tables(floor, creep, expected), expected, 1).run().rows
+        rows = Train(replace(setting, plate=None, rows_only=True), tables, expected, 1).run().rows
         rigid = rows[0][COLUMNS.index("restitution")] if rows else nan
     return dataset(train, setting, wanted, rigid, perf_counter() - started)
 
@@ -268,55 +264,18 @@ def impacts(
         longest = max(one.duration for _, _, one in group)
         tables = Tables.of(creep, min(scale.duration for scale in expected), longest, rtol, fold=True)
         for (i, _, one), scale in zip(group, expected, strict=True):
-            trains[i] = _refined(one, creep, scale, tables, most)
+            trains[i] = _run(Train(one, tables, scale, most))
     return batch_dataset([trains[i] for i in range(count)], most)
 
 
-def _tables(one: Setting, creep: Creep, expected: Scales) -> Tables:
-    return Tables.of(creep, expected.duration, one.duration, one.rtol, fold=not one.full)
-
-
-def _refined(
-    setting: Setting,
-    creep: Creep,
-    expected: Scales,
-    tables: Tables | None = None,
-    most: int | None = None,
-    observe: Callable[[float], None] | None = None,
-    times: Floats | None = None,
-) -> Train:
-    """Simulate, and again more finely when the first run was too coarse by its energy (a modulus ratio over 1e3)."""
-    limit, train = _ENERGY_LIMIT * setting.rtol, None
-    can_be_finer = setting.rtol / _REFINEMENT >= _FINEST
-    try:
-        train = Train(setting, tables or _tables(setting, creep, expected), expected, most, observe, times).run()
-    except AnnularContactError:
-        if not can_be_finer:
-            raise
-    if (train is None or not train.error <= limit) and can_be_finer:
-        finer = replace(setting, rtol=setting.rtol / _REFINEMENT)
-        train = Train(finer, _tables(finer, creep, expected), expected, most, observe, times).run()
-    assert train is not None  # noqa: S101 - it was raised, or run again
-    if not train.error <= limit:
+def _run(train: Train) -> Train:
+    """Run a drop; warn of a larger numerical error than its tolerance stands for (a modulus ratio over 1e3)."""
+    if not train.run().error <= _ENERGY_LIMIT * train.setting.rtol:
         warnings.warn(
             f"the numerical energy error is {train.error:.1e} of the drop's energy, more than expected for rtol = "
-            f"{setting.rtol:.0e}; restitution and forces are uncertain by about as much. A smaller rtol reduces it",
+            f"{train.setting.rtol:.0e}; restitution and forces are uncertain by about as much. A smaller rtol reduces "
+            "it",
             UserWarning,
             stacklevel=3,
         )
     return train
-
-
-@dataclass(slots=True)
-class _Throttle:
-    """Hand on the progress whenever another hundredth of the duration is done."""
-
-    progress: Callable[[float], None]
-    setting: Setting
-    reported: float = 0.0
-
-    def __call__(self, time: float) -> None:
-        done = min((self.setting.fall_time + time) / self.setting.duration, 1.0)
-        if done >= self.reported + 0.01:
-            self.reported = done
-            self.progress(done)

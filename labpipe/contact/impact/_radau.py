@@ -2,22 +2,60 @@
 
 import math
 
+import numpy as np
+from scipy.special import roots_jacobi
+
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._method import (
-    BARY,
-    GAMMA,
-    MEANS,
-    N_NODES,
-    NODES,
-    POINTS,
-    SLOPE,
-    STAGES,
-    TO_POWERS,
-    TWICE,
-    WEIGHTS,
-)
-from labpipe.contact.impact._records import Fall, Law, Phase, Room
+from labpipe.contact.impact._records import N_NODES, STAGES, Fall, Law, Phase, Room
+
+# Points of the rule that integrates a polynomial over the contact radius.
+_GAUSS_POINTS = 80
+# Part of the disagreement between the force and its polynomial that counts as error of a step.
+_ERROR_SHARE = 0.02
+_NEWTON_LIMIT = 12
+#: Error of a step that was not solved.
+UNSOLVED = 1e9
+
+# Radau's points (stage,), and the weights (stage, stage) of integrals up to them; TO_POWERS (stage, stage) from values
+# less the first to the coefficients of u, u^2, ...; GAMMA (stage + 1,) of the error.
+POINTS = np.append(np.sort(0.5 * (roots_jacobi(STAGES - 1, 1.0, 0.0)[0] + 1.0)), 1.0)
+_POWERS = np.arange(STAGES)
+_VALUES = POINTS[:, None] ** _POWERS
+WEIGHTS = (POINTS[:, None] ** (_POWERS + 1) / (_POWERS + 1)) @ np.linalg.inv(_VALUES)
+TWICE = WEIGHTS @ WEIGHTS
+TO_POWERS = np.linalg.inv(POINTS[:, None] ** (_POWERS + 1))
+GAMMA = _ERROR_SHARE * np.append(1.0, -np.linalg.solve(_VALUES.T, np.eye(STAGES)[0]))
+# Fields over the radius are polynomials in s = sqrt(1 - (x / edge)^2), held at the nodes (node,), with barycentric
+# weights; SLOPE (node, node) differentiates over s, MEANS (node, node) gives twice the mean from the centre to each.
+NODES = 0.5 * (1.0 - np.cos(math.pi * np.arange(N_NODES) / (N_NODES - 1)))
+BARY: Floats = np.where(np.arange(N_NODES) % 2, -1.0, 1.0) * np.where(np.arange(N_NODES) % (N_NODES - 1), 1.0, 0.5)
+SLOPE = BARY / BARY[:, None] / (NODES[:, None] - NODES + np.eye(N_NODES)) * (1.0 - np.eye(N_NODES))
+SLOPE -= np.diag(SLOPE.sum(axis=1))
+
+
+def interpolation(places: Floats) -> Floats:
+    """Matrix (place, node) from values at the nodes to values at other places s."""
+    away = places[:, None] - NODES
+    is_node = away == 0.0
+    weight = np.where(is_node.any(axis=1)[:, None], is_node, BARY / np.where(is_node, 1.0, away))
+    return np.asarray(weight / weight.sum(axis=1, keepdims=True))
+
+
+def _means() -> Floats:
+    """Matrix of MEANS; with x = edge cos(angle) and s = sin(angle) the integrand is smooth."""
+    points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+    mean = np.zeros((N_NODES, N_NODES))
+    mean[-1, -1] = 2.0
+    for n in range(N_NODES - 1):
+        first = np.arcsin(NODES[n])
+        half = 0.5 * (0.5 * math.pi - first)
+        angle = first + half * (points + 1.0)
+        mean[n] = 2.0 * (weights * half * np.sin(angle) @ interpolation(np.sin(angle))) / math.sqrt(1.0 - NODES[n] ** 2)
+    return mean
+
+
+MEANS = _means()
 
 
 @inner()
@@ -161,11 +199,6 @@ def summit(coefficients: Floats) -> float:
             break
         low = high
     return 1.0 if low == 1.0 else maximum_between(coefficients, low, high)
-
-
-_NEWTON_LIMIT = 12
-#: Error of a step that was not solved.
-UNSOLVED = 1e9
 
 
 @inner()

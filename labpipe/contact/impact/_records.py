@@ -1,4 +1,4 @@
-"""Records that the compiled parts of a drop share with Python: motion, counts, law, method, body, path and nodes.
+"""Records that the compiled parts of a drop share with Python: motion, body, material, and room to compute in.
 
 Compiled code changes the numbers of a record in place (a numpy structured scalar). What is handed on is one record
 with these fields: a single address, where nine arrays are some sixty arguments of each call, and take longer to
@@ -6,21 +6,28 @@ compile.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.contact._memory import Creep, condense
+from labpipe.materials import Retardation, relaxation_from_creep
+
+#: Stages of a collocated step, and nodes of a polynomial over the contact radius.
+STAGES, N_NODES = 5, 24
+_MOST_STEPS = 1000
+# Terms may be folded away or frozen where that costs this part of rtol.
+_CONDENSE_SHARE = 0.01
 
 
 @dataclass(slots=True)
 class Motion:
     """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
 
-    ``approach`` is the sphere's position above the plate's, ``surface`` the displacement of the surface at the pole,
-    which is the same in contact and filled in afterwards; ``stored`` the energy that the springs
-    hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
+    ``surface`` is the displacement of the surface at the pole, filled in afterwards; ``stored`` the energy that the
+    springs hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
     """
 
     time: float = 0.0
@@ -48,18 +55,6 @@ class Motion:
             setattr(self, name, value)
 
 
-@dataclass(slots=True)
-class Counts:
-    """Work done; counts only, so that they do not depend on the machine."""
-
-    solver_steps: int = 0
-    rejected_steps: int = 0
-    kernel_products: int = 0
-    spring_updates: int = 0
-    rest_steps: int = 0
-    flights: int = 0
-
-
 #: The fields of a Motion as numpy sees them; an array of them is a trail.
 MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
 Trail = NDArray[np.void]
@@ -71,32 +66,6 @@ def blank(dtype: np.dtype[np.void], **values: float | Floats) -> Any:
     for name, value in values.items():
         row[name] = value
     return row[0]
-
-
-class Law(Protocol):
-    """Contact law of the material in both forms.
-
-    There is room for more terms than there are, so that one compiled code serves all materials:
-    ``maxwells`` of the relaxation modulus, ``elements`` of the compliance with its dashpot, and
-    ``kelvins`` without. The same holds for what has a row per term in the other records.
-
-    ``E_relaxed`` [Pa], ``E`` [Pa] and ``rate`` [1/s] (maxwell,) of the relaxation modulus;
-    ``instantaneous`` [1/Pa], ``C`` [1/Pa] and ``creep_rate`` [1/s] (element,) of the compliance, a
-    dashpot last with rate 0; ``mixed`` (maxwell, element) is the displacement of a Maxwell element
-    per displacement of a Kelvin element while the spring is free.
-    """
-
-    maxwells: int
-    elements: int
-    kelvins: int
-    E_relaxed: float
-    E: Floats
-    rate: Floats
-    instantaneous: float
-    C: Floats
-    creep_rate: Floats
-    mixed: Floats
-    is_liquid: bool
 
 
 class Fall(NamedTuple):
@@ -117,8 +86,8 @@ class Fall(NamedTuple):
 class Phase(NamedTuple):
     """While the contact grows, or shrinks: since ``begin`` [s], over a field out to ``outer`` [m].
 
-    At the start of the step: ``edge`` where the edge is looked for, ``start_edge`` where it is (as
-    in ``Path.edge``), ``bulk`` twice the area under the springs or the load of the central spring.
+    At the start of the step: ``edge`` where the edge is looked for, ``start_edge`` where it is, ``bulk`` twice the area
+    under the springs or the load of the central spring.
     """
 
     recedes: bool
@@ -130,67 +99,104 @@ class Phase(NamedTuple):
     bulk: float
 
 
-class Room(Protocol):
-    """Room for the steps of a contact, and for what is sampled on the nodes of the largest contact of this bounce.
+# Shapes of the arrays of a Room: S stages (or powers), N nodes over the radius, T terms, M steps, L instants.
+_SHAPES = {
+    "L": "time approach stored",
+    "L8": "state",
+    "LT": "fading",
+    "MS": "powers edge_powers",
+    "MS6": "stages",
+    "N": "touch release",
+    "T": "center node_fading element last rim held",
+    "TN": "dent before after node_base node_field primitive",
+    "TSS": "weight",
+    "S": "base plate_free known bulk delta force edge radius short",
+    "S1": "right",
+    "S6": "plate",
+    "SN": "field slope area",
+    "SS": "answer gain matrix",
+    "ST": "cross moment",
+    "STS": "table",
+}
+#: Room for the steps of a contact, and for what is sampled on the nodes of the largest contact of this bounce.
+#: At the ends of the steps ``time`` from touch; ``state``, and ``stages`` inside: position, velocity, force, contact
+#: radius, displacement and velocity of the plate, and at the ends what its dashpot took and the work on the springs;
+#: ``approach``, and ``powers`` its coefficients over u from 0 to 1; ``edge_powers`` those of the square of the radius
+#: while it advances, of s while it recedes; ``fading`` the fading integral of the approach; ``stored`` energy.
+#: ``center`` is the displacement of the central spring at touch, ``dent`` that of the others less the central one's;
+#: ``touch`` and ``release`` [s]; ``before`` the dents found, ``after`` the displacement of the elements left;
+#: ``node_base`` that of Maxwell elements less the fading integral at touch, ``node_field`` the same where the contact
+#: began to shrink; ``node_fading`` and ``element`` room for one.
+#: Of the step at hand ``base`` is the approach without force, ``answer`` the approach per force; ``known`` the force,
+#: or its density, that is left of the start; ``gain`` that per approach; ``weight`` of the fading integrals;
+#: ``field`` and ``slope`` the polynomial over the radius that the edge meets, and its derivative, ``area`` twice its
+#: mean; ``cross`` the force per change of the dents' moments; ``moment`` those moments.
+Room = Any
+#: Contact law of a material, see :func:`law_of`.
+Law = Any
 
-    Shapes: S stages (or powers), N nodes over the radius, T terms, M steps at most, L instants.
 
-    At the ends of the steps ``time`` from touch; ``state``, and ``stages`` inside: position, velocity, force, contact
-    radius, displacement and velocity of the plate, and at the ends what its dashpot took and the work on the springs;
-    ``approach``, and ``powers`` its coefficients over u from 0 to 1; ``edge_powers`` those of the square of the radius
-    while it advances, of s while it recedes; ``fading`` the fading integral of the approach; ``stored`` energy.
+class Tables(NamedTuple):
+    """Of a material: condensed compliance, terms folded into one and frozen, its law, and room to compute in."""
 
-    ``center`` is the displacement of the central spring at touch, ``dent`` that of the others less the central one's;
-    ``touch`` and ``release`` [s]; ``before`` the dents found, ``after`` the displacement of the elements left;
-    ``node_base`` that of Maxwell elements less the fading integral at touch, ``node_field`` the same where the contact
-    began to shrink; ``node_fading`` and ``element`` room for one.
+    creep: Creep
+    left_out: tuple[int, int]
+    law: Law
+    room: Room
 
-    Of the step at hand ``base`` is the approach without force, ``answer`` the approach per force; ``known`` the force,
-    or its density, that is left of the start; ``gain`` that per approach; ``weight`` of the fading integrals;
-    ``field`` and ``slope`` the polynomial over the radius that the edge meets, and its derivative, ``area`` twice its
-    mean; ``cross`` the force per change of the dents' moments; ``moment`` those moments.
+    @classmethod
+    def of(cls, creep: Creep, shortest: float, longest: float, rtol: float, *, fold: bool) -> "Tables":
+        """Leave out terms that no contact of a duration ``shortest`` [s] needs; sort the others, equal times as one."""
+        n_folded = n_frozen = 0
+        if fold:
+            creep, n_folded, n_frozen = condense(creep, shortest, longest, _CONDENSE_SHARE * rtol)
+        order = np.argsort(creep.tau, kind="stable")
+        C, tau = creep.C[order], creep.tau[order]
+        starts = np.flatnonzero(np.diff(tau, prepend=-1.0) > 1e-9 * tau)
+        if starts.size < tau.size:
+            C, tau = np.add.reduceat(C, starts), tau[starts]
+        creep = Creep(creep.instantaneous, C, tau, creep.fluidity)
+        law = law_of(creep)
+        sizes = {"S": STAGES, "N": N_NODES, "T": law.rate.size, "M": _MOST_STEPS, "L": _MOST_STEPS + 1}
+        room = [
+            (name, np.float64, tuple(sizes.get(c) or int(c) for c in shape))
+            for shape, names in _SHAPES.items()
+            for name in names.split()
+        ]
+        return cls(creep, (n_folded, n_frozen), law, blank(np.dtype(room)))
+
+
+def law_of(creep: Creep) -> Law:
+    """Contact law in both forms, from a compliance with distinct terms in ascending order.
+
+    ``E_relaxed``, ``E`` and ``rate`` (maxwell,) of the relaxation modulus; ``instantaneous``, ``C`` and ``creep_rate``
+    (element,) of the compliance, a dashpot last with rate 0; ``mixed`` (maxwell, element), the displacement of a
+    Maxwell element per displacement of a Kelvin element while the spring is free. There is room for more terms than
+    there are, so that one compiled code serves all materials: ``maxwells``, ``elements`` with the dashpot, and
+    ``kelvins`` without.
     """
-
-    time: Annotated[Floats, "L"]
-    state: Annotated[Floats, "L8"]
-    stages: Annotated[Floats, "MS6"]
-    approach: Annotated[Floats, "L"]
-    powers: Annotated[Floats, "MS"]
-    edge_powers: Annotated[Floats, "MS"]
-    fading: Annotated[Floats, "LT"]
-    stored: Annotated[Floats, "L"]
-    center: Annotated[Floats, "T"]
-    dent: Annotated[Floats, "TN"]
-    touch: Annotated[Floats, "N"]
-    release: Annotated[Floats, "N"]
-    before: Annotated[Floats, "TN"]
-    after: Annotated[Floats, "TN"]
-    node_base: Annotated[Floats, "TN"]
-    node_field: Annotated[Floats, "TN"]
-    node_fading: Annotated[Floats, "T"]
-    element: Annotated[Floats, "T"]
-    base: Annotated[Floats, "S"]
-    answer: Annotated[Floats, "SS"]
-    plate: Annotated[Floats, "S6"]
-    plate_free: Annotated[Floats, "S"]
-    known: Annotated[Floats, "S"]
-    gain: Annotated[Floats, "SS"]
-    weight: Annotated[Floats, "TSS"]
-    field: Annotated[Floats, "SN"]
-    slope: Annotated[Floats, "SN"]
-    area: Annotated[Floats, "SN"]
-    table: Annotated[Floats, "STS"]
-    cross: Annotated[Floats, "ST"]
-    moment: Annotated[Floats, "ST"]
-    last: Annotated[Floats, "T"]
-    rim: Annotated[Floats, "T"]
-    primitive: Annotated[Floats, "TN"]
-    bulk: Annotated[Floats, "S"]
-    delta: Annotated[Floats, "S"]
-    force: Annotated[Floats, "S"]
-    edge: Annotated[Floats, "S"]
-    radius: Annotated[Floats, "S"]
-    held: Annotated[Floats, "T"]
-    matrix: Annotated[Floats, "SS"]
-    right: Annotated[Floats, "S1"]
-    short: Annotated[Floats, "S"]
+    relaxation = relaxation_from_creep(Retardation(creep.instantaneous, creep.C, creep.tau, creep.fluidity))
+    rho = relaxation.time[:, None]
+    mixed = np.zeros((rho.size, creep.rate.size))
+    mixed[:, : creep.n_terms] = rho / (rho - creep.tau)
+    values: dict[str, Any] = {
+        "maxwells": rho.size,
+        "elements": creep.rate.size,
+        "kelvins": creep.C.size,
+        "is_liquid": int(creep.fluidity > 0.0),
+        "E_relaxed": relaxation.relaxed,
+        "instantaneous": creep.instantaneous,
+        "E": relaxation.weight,
+        "rate": 1.0 / relaxation.time,
+        "C": creep.C,
+        "creep_rate": creep.rate,
+        "mixed": mixed,
+    }
+    # a power of two, of which one suffices for nearly all
+    terms = 1 << max(7, (max(rho.size, creep.rate.size) - 1).bit_length())
+    for name, value in values.items():
+        if np.ndim(value):
+            values[name] = np.pad(value, [(0, terms - n) for n in value.shape])
+    kinds = {name: np.int64 if isinstance(value, int) else np.float64 for name, value in values.items()}
+    fields = [(name, kind, np.shape(values[name])) for name, kind in kinds.items()]
+    return blank(np.dtype(fields), **values)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import ceil, inf, pi, sqrt
+from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,9 @@ from labpipe.contact._march import room_for
 from labpipe.contact._memory import Creep
 from labpipe.contact._springs import OUTGROWN, SpringBed, sphere_bed
 from labpipe.contact._stepping import Body, Room, Rules, Springs
-from labpipe.contact.impact._plate import Plate, modal
-from labpipe.contact.impact._records import MOTION, Counts, Motion, Trail, blank
+from labpipe.contact.impact._records import MOTION, Motion, Trail, blank
 from labpipe.contact.impact._rings import ring_bed
-from labpipe.contact.impact._setting import Scales, Setting
+from labpipe.contact.impact._setting import Scales, Setting, modal
 from labpipe.errors import InputError
 
 # Error [m/s] allowed in a step over (rtol)^(3/2) of the speed, measured on Ting's solutions.
@@ -29,10 +28,8 @@ _RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 80, 1200
 # Steps per decade of time at rest.
 _STEPS_PER_DECADE = 12
 # Rest is an amplitude below rtol times the static sag, within these bounds; a sphere whose rest is not followed stays
-# where its own swing and the plate's part of it are each below a larger part.
+# where its swing and the plate's are each below a larger part.
 _REST_RANGE, _STAYS = (1e-5, 1e-3), 0.3
-# A plate this many times heavier than the sphere swings as if it were alone.
-_HEAVY_PLATE = 10.0
 # Springs that are outgrown are extended to this multiple of their reach.
 _EXTENSION = 1.3
 # Steps between two looks at limits and progress.
@@ -41,14 +38,6 @@ _BATCH = 4096
 _PACE = np.dtype(
     [(name, np.float64) for name in ("dt", "leniency", "peak", "rest_start", "slowest", "fastest", "largest")]
 )
-
-
-class AnnularContactError(InputError):
-    """The springs outside the contact would touch before those inside: steps or springs too coarse.
-
-    A sphere does not do that; a step that rings does, where the material relaxes by a factor of
-    thousands within it.
-    """
 
 
 @dataclass(slots=True)
@@ -63,7 +52,7 @@ class Stepper:
     creep_law: Creep
     expected: Scales
     now: Motion
-    counts: Counts
+    counts: dict[str, int]
     look: Callable[[float], None]
     reach: float
     bed: SpringBed = field(init=False)
@@ -104,19 +93,15 @@ class Stepper:
         room.memory[np.abs(room.memory) < 1e-200] = 0.0
         room.load[:] = 0.0
         tolerance = _STAYS if one.rows_only else min(max(one.rtol, _REST_RANGE[0]), _REST_RANGE[1])
-        period, plate_speed = expected.rest_period, inf
+        period = expected.rest_period
         if one.plate is not None:
             period = max(period, 1.0 / one.plate.frequency)
-            plate_speed = expected.rest_speed
-            if one.rows_only:
-                plate_speed = _shaking_speed(one, one.plate, self.creep_law, expected)
         self._rules = Rules(
             allowed=(_STEP_SHARE * one.rtol) ** 1.5 * max(speed, expected.rest_speed),
             longest=_LONGEST_STEP * expected.duration,
             rest_tolerance=0.0 if one.full else tolerance,
             rest_period=period,
             rest_speed=expected.rest_speed,
-            plate_speed=plate_speed,
         )
         start = _FIRST_STEP * expected.duration
         self._pace = blank(_PACE, dt=start, leniency=1.0, rest_start=now.time, slowest=-inf, fastest=inf, largest=inf)
@@ -142,7 +127,7 @@ class Stepper:
             if outcome == OUTGROWN:
                 self._extend()
             elif outcome != kernel.FULL:
-                raise AnnularContactError(
+                raise InputError(
                     f"at {self.now.time:.6g} s the surface would touch in a ring around the axis, which "
                     "the springs of this solver cannot follow; use a smaller rtol"
                 )
@@ -163,14 +148,14 @@ class Stepper:
             before, heat, held = now.time, answer[4], answer[5]
             loads = kernel.FORCE, end - now.time, weight, weight, tolerance, scales, float(answer[6])
             if kernel.cross(Springs(self.bed, law, self.room), *loads, answer, self._work) != kernel.DONE:
-                raise AnnularContactError(f"the creep from {now.time:.6g} s on cannot be followed; use a smaller rtol")
+                raise InputError(f"the creep from {now.time:.6g} s on cannot be followed; use a smaller rtol")
             now.time, now.approach, now.force, now.contact_radius = end, float(answer[0]), weight, float(answer[2])
             now.spring_work += float(answer[4] - heat + answer[5] - held)
             now.stored, now.velocity = float(answer[5]), (now.approach + sag - now.position) / (end - before)
             now.position, now.acceleration = now.approach + sag, 0.0
             now.plate_displacement, now.plate_velocity, now.plate_acceleration = sag, 0.0, 0.0
             self._trail.append(np.array([now.record()], MOTION))
-            self.counts.rest_steps += 1
+            self.counts["rest_steps"] += 1
             self._count()
             dt *= 10.0 ** (1.0 / _STEPS_PER_DECADE)
 
@@ -187,10 +172,9 @@ class Stepper:
     def _count(self) -> None:
         steps, rejected, solutions = self._work.tolist()
         self._work[:] = 0
-        self.counts.solver_steps += steps
-        self.counts.rejected_steps += rejected
-        self.counts.kernel_products += solutions
-        self.counts.spring_updates += solutions * self.room.memory.size
+        for name, made in (("solver_steps", steps), ("rejected_steps", rejected), ("kernel_products", solutions)):
+            self.counts[name] += made
+        self.counts["spring_updates"] += solutions * self.room.memory.size
         self.look(self.now.contact_radius)
 
     def _extend(self) -> None:
@@ -203,21 +187,3 @@ class Stepper:
             self.look(inf)  # no sphere is left
         self.room = room_for(self.bed.size, self.creep_law.rate.size)
         self.room.memory[:, :n], self.room.load[:n] = old.memory, old.load
-
-
-def _shaking_speed(one: Setting, plate: Plate, creep: Creep, expected: Scales) -> float:
-    """Speed [m/s] of a plate below which it does not shake the sphere off, by its energy or by its acceleration."""
-    ratio = plate.mass / one.mass
-    by_energy = expected.rest_speed / sqrt(ratio)
-    if ratio < _HEAVY_PLATE:
-        return by_energy
-    omega = 2.0 * pi * plate.frequency
-    compliance = creep.instantaneous + (creep.C / (1.0 + 1j * omega * creep.tau)).sum() + creep.fluidity / (1j * omega)
-    late = (0.75 * one.mass * one.gravity * one.radius * float(creep.compliance(one.duration))) ** (1 / 3)
-    radii = max(expected.radius, late), expected.rest_radius
-    least, most = (0.5 * one.mass * omega**2 * abs(compliance) / radius for radius in radii)
-    in_phase = float(compliance.real) / abs(compliance)
-    inertia = min(max(in_phase, least), most)  # over the stiffness, where the resonance is largest
-    # a heavy plate swings alone: gravity against its acceleration, raised by the resonance of the sphere on a contact
-    from_resonance = sqrt(max(1.0 + inertia * (inertia - 2.0 * in_phase), 0.0))
-    return max(by_energy, from_resonance * one.gravity / omega)

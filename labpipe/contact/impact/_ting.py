@@ -1,15 +1,10 @@
 """One contact of a falling sphere by collocation, compiled: touch, advance, recede, lift-off.
 
-The row of springs is never stepped. While springs are loaded their Maxwell elements differ by a
-decaying exponential only, so that force and contact radius follow from functions of time: the
-approach, its fading integral per relaxation term, and the state of the springs where the phase
-began, a polynomial over the radius. This is Ting's solution [1]_, also on a surface with dents.
-
-Motion and force are collocated at Radau's points [2]_; the fading integrals are exact for the
-polynomial through the stages, however stiff the terms.
-
-Lengths are counted from the free motion of the spring at the centre, which touches first: all dents
-are differences to it and vanish there.
+While springs are loaded their Maxwell elements differ by a decaying exponential only, so that force and contact radius
+follow from functions of time: the approach, its fading integral per relaxation term, and the state of the springs where
+the phase began, a polynomial over the radius. This is Ting's solution [1]_, also on a surface with dents. Motion and
+force are collocated at Radau's points [2]_; the fading integrals are exact for the polynomial through the stages.
+Lengths are counted from the free motion of the spring at the centre, where all dents vanish.
 
 References
 ----------
@@ -22,8 +17,10 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._method import MEANS, N_NODES, NODES, STAGES, TO_POWERS
 from labpipe.contact.impact._radau import (
+    MEANS,
+    NODES,
+    TO_POWERS,
     UNSOLVED,
     accept,
     attempt,
@@ -37,7 +34,7 @@ from labpipe.contact.impact._radau import (
     summit,
     value_at,
 )
-from labpipe.contact.impact._records import Fall, Law, Phase, Room
+from labpipe.contact.impact._records import N_NODES, STAGES, Fall, Law, Phase, Room
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
@@ -59,10 +56,7 @@ _GROWTH, _SHRINK, _SAFETY = 4.0, 0.2, 0.85
 
 @inner()
 def _edge_powers(room: Room, phase: Phase) -> None:
-    """Fill in ``short``: coefficients over the step of what ends the phase.
-
-    While the contact recedes that is the load of the central spring, before the square of its radius.
-    """
+    """Fill in ``short``: coefficients of what ends the phase: the square of the radius, then the central load."""
     found = room.short
     for p in range(STAGES):
         found[p] = 0.0
@@ -98,10 +92,7 @@ def _shorter(room: Room, phase: Phase, error: float) -> float:
 
 @inner()
 def _event(room: Room, n: int, h: float, phase: Phase, central: float) -> tuple[float, bool]:
-    """Part of a step at which the phase ends, 1 when it does not, and whether that is its end.
-
-    Negative when a contact that receded grows again.
-    """
+    """Part of a step at which the phase ends, 1 if not, negative if it grows again; and whether that is its end."""
     if phase.recedes:
         if room.bulk[STAGES - 1] <= _AT_LIFT_OFF * central:
             _edge_powers(room, phase)
@@ -118,7 +109,7 @@ def _event(room: Room, n: int, h: float, phase: Phase, central: float) -> tuple[
 
 
 @inner()
-def sample_touch(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> None:
+def sample_touch(law: Law, room: Room, peak: int, outer: float) -> None:
     """Note for each node when it was touched, and its Maxwell elements less the fading integral."""
     largest = room.state[peak, 3]
     step = 0
@@ -151,7 +142,6 @@ def sample_touch(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> N
 @inner()
 def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Floats) -> None:
     """Kelvin elements (element,) of a spring from its Maxwell elements."""
-    law.elements = law.elements
     rest = displacement - law.instantaneous * load
     for k in range(law.elements):
         if law.is_liquid and k == law.elements - 1:
@@ -233,9 +223,9 @@ def recover(law: Law, room: Room, last: int) -> None:
 
 
 @inner()
-def _turn(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> float:
+def _turn(law: Law, room: Room, peak: int, outer: float) -> float:
     """Sample the springs where the contact is largest; return the load of the central one."""
-    sample_touch(law, fall, room, peak, outer)
+    sample_touch(law, room, peak, outer)
     load = law.E_relaxed * room.approach[peak]
     for j in range(law.maxwells):
         for m in range(N_NODES):
@@ -250,8 +240,8 @@ def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) ->
     """Follow one contact from touch to lift-off.
 
     ``room`` holds the start: ``state[0]``, ``approach[0]``, ``center`` and ``dent``, whose edge is ``outer`` [m], 0
-    on a fresh surface; the rest of it is filled. With ``has_energy`` the stored energy is. Returns how it ended, the
-    steps taken, those until the contact was largest, and rejected ones.
+    on a fresh surface; the rest of it is filled. Returns how it ended, and the steps taken, until the contact was
+    largest, and rejected.
     """
     dented = outer > 0.0
     n, peak, rejected, tries = 0, 0, 0, 0
@@ -291,7 +281,7 @@ def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) ->
             phase = Phase(True, False, phase.begin, phase.outer, edge, edge, load)
         elif ends or was_summit:
             peak = n
-            central = _turn(law, fall, room, peak, outer)
+            central = _turn(law, room, peak, outer)
             if not central > 0.0:  # a plate that draws back has unloaded the centre before the rim
                 return TURNED, n, peak, rejected
             phase = Phase(True, False, room.time[n], room.state[n, 3], _FIRST_PLACE, 0.0, central)
@@ -327,20 +317,7 @@ def _largest(room: Room, n: int, column: int, less: int, short: Floats) -> float
 
 
 @lean()
-def outcome_of(fall: Fall, room: Room, n: int, lost: float, row: Floats) -> float:
-    """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
-
-    ``lost`` [J]: energy mislaid before; ``row`` (4,): filled: largest force [N], approach [m], position [m], energy
-    mislaid [J]. Returns the most energy mislaid on the way [J].
-    """
+def peaks_of(room: Room, n: int, peaks: Floats) -> None:
+    """Fill in the largest force [N], approach and position [m] (3,) of a contact of ``n`` steps."""
     for i in range(3):  # a constant column would be compiled for itself
-        row[i] = _largest(room, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
-    first, most = room.state[0], abs(lost)
-    for i in range(n + 1):
-        end = room.state[i]
-        now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] - first[6] + end[7] - first[7]
-        now -= fall.mass * fall.gravity * (end[0] - first[0])
-        now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)
-        now += 0.5 * fall.plate_stiffness * (end[4] ** 2 - first[4] ** 2)
-        row[3], most = now, max(most, abs(now))
-    return most
+        peaks[i] = _largest(room, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])

@@ -16,10 +16,8 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce import Dents, bounce
-from labpipe.contact.impact._method import Tables
-from labpipe.contact.impact._plate import modal
-from labpipe.contact.impact._records import Counts, Fall, Motion, Trail
-from labpipe.contact.impact._setting import Scales, Setting
+from labpipe.contact.impact._records import Fall, Motion, Tables, Trail
+from labpipe.contact.impact._setting import Scales, Setting, modal
 from labpipe.contact.impact._stepper import Stepper
 from labpipe.contact.impact._trajectory import FLIGHT_SAMPLES, Course, flown, stepped, time_of_flight
 from labpipe.errors import InputError
@@ -51,6 +49,8 @@ ROWS = {
     "energy_dissipated": ("J", "energy dissipated during the contact"),
     "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
+# Work done; counts only, so that they do not depend on the machine.
+_COUNTS = ("solver_steps", "rejected_steps", "kernel_products", "spring_updates", "rest_steps", "flights")
 COLUMNS = tuple(name for name in ROWS if name != "peak_pressure")
 
 
@@ -58,10 +58,9 @@ COLUMNS = tuple(name for name in ROWS if name != "peak_pressure")
 class Train:
     """A drop from its release to its end: set up, then :meth:`run`.
 
-    ``most`` is the number of impacts after which it ends, if any; ``observe`` is called with the time since first
-    touch now and then; ``times`` (time,) [s] from there are asked for. Afterwards ``rows`` holds a row per impact by
-    :data:`COLUMNS`, times from the release, ``course`` the records, and ``error`` the largest energy that the motion
-    mislaid over that of the drop.
+    It ends after ``most`` impacts, if any; ``observe`` is called with the time since first touch now and then;
+    ``times`` (time,) [s] from there are asked for. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times
+    from the release, and ``course`` the records.
     """
 
     setting: Setting
@@ -71,7 +70,7 @@ class Train:
     observe: Callable[[float], None] | None = None
     times: Floats | None = None
     now: Motion = field(default_factory=Motion)
-    counts: Counts = field(default_factory=Counts)
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTS, 0))
     course: Course | None = None
     rows: list[tuple[float, ...]] = field(default_factory=list)
     final_touch: float = nan
@@ -85,10 +84,7 @@ class Train:
     _deepest: float = 0.0
 
     def run(self) -> "Train":
-        """Fall, bounce, rest.
-
-        Raises InputError: the contact would be wider than the sphere, or there are too many steps.
-        """
+        """Fall, bounce, rest; a contact wider than the sphere, or too many steps, raise InputError."""
         setting, expected, now, creep = self.setting, self.expected, self.now, self.tables.creep
         if expected.radius > setting.radius:
             raise InputError(
@@ -156,7 +152,7 @@ class Train:
             if stop >= end or len(self.rows) == self.most:
                 return
             self._fly(flight)
-            self.counts.flights += 1
+            self.counts["flights"] += 1
 
     # -- contacts --------------------------------------------------------------------------------
 
@@ -239,8 +235,12 @@ class Train:
         """Record a flight without the ends that its neighbours bring."""
         if self.course is not None:
             own = np.linspace(start.time, stop, FLIGHT_SAMPLES)[(1 if self.rows else 0) : (None if stop >= end else -1)]
-            at = partial(flown, start, self.setting, *self._free_surface(), self.tables.creep.rate)
-            self.course.add(at, own, stop)
+            surface = self._free_surface()
+            self.course.add(
+                lambda times: flown(start, self.setting, *surface, self.tables.creep.rate, times - start.time),
+                own,
+                stop,
+            )
 
     def _time_of_flight(self) -> float:
         """Time [s] to the next touch; 0 where the surface follows at once, infinity where no touch is asked for."""
@@ -253,22 +253,12 @@ class Train:
 
     def _fly(self, dt: float) -> None:
         """Move on without contact: ballistic, the dent and the plate relax, exactly."""
-        now, gravity, plate = self.now, self.setting.gravity, self.setting.plate
-        now.position += (now.velocity + 0.5 * gravity * dt) * dt
-        now.velocity += gravity * dt
-        now.time += dt
+        now, rate = self.now, self.tables.creep.rate
+        now.take(flown(now, self.setting, *self._free_surface(), rate, np.array([dt]))[0])
         if self.stepper is None:
             self.dents.relax(dt)
         else:
-            self.stepper.room.memory[:] *= np.exp(-dt * self.tables.creep.rate)[:, None]
-        if plate is not None:
-            before = now.plate_displacement, now.plate_velocity
-            after = plate.free(*before, dt)
-            now.plate_displacement, now.plate_velocity, now.plate_acceleration = after
-            now.plate_loss += plate.energy(*before) - plate.energy(*after[:2])
-        now.acceleration, now.force = gravity, 0.0
-        now.approach = now.position - now.plate_displacement
-        now.stored = float(self._free_surface()[0].sum())
+            self.stepper.room.memory[:] *= np.exp(-dt * rate)[:, None]
 
     # -- limits ----------------------------------------------------------------------------------
 
@@ -281,9 +271,9 @@ class Train:
                 f"than {self.setting.radius:.4g} m: beyond this the sphere is no half-space; use a "
                 "stiffer material, a smaller mass or a lower drop"
             )
-        if counts.solver_steps > most or counts.spring_updates > _UPDATES_PER_STEP * most:
+        if counts["solver_steps"] > most or counts["spring_updates"] > _UPDATES_PER_STEP * most:
             raise InputError(
-                f"{counts.solver_steps} steps reached only {now.time:.6g} "
+                f"{counts['solver_steps']} steps reached only {now.time:.6g} "
                 "s: the material damps too little for so long a duration, or hardly has an instantaneous compliance; "
                 "shorten the duration, raise max_steps or rtol"
             )

@@ -21,9 +21,8 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._records import MOTION, Motion, Trail
-from labpipe.contact.impact._setting import Setting
+from labpipe.contact.impact._setting import Plate, Setting
 from labpipe.errors import LabpipeError
 
 #: Samples of a flight when no times are asked for, its ends included: enough for a smooth parabola.
@@ -92,15 +91,14 @@ def time_of_flight(start: Motion, gravity: float, dent: Floats, rate: Floats, pl
     return float(brentq(sunk, begin, end, xtol=1e-300, rtol=8.9e-16))
 
 
-def flown(start: Motion, body: Setting, stored: Floats, dent: Floats, rate: Floats, times: Floats) -> Trail:
-    """Return records (time,) of a flight, known in closed form.
+def flown(start: Motion, body: Setting, stored: Floats, dent: Floats, rate: Floats, s: Floats) -> Trail:
+    """Return records (time,) of a flight at times ``s`` [s] since its ``start``, known in closed form.
 
-    ``start``: the instant it begins, without force; ``stored`` (element,) [J] and ``dent`` (element,) [m]: energy of
-    each element of the memory, and its displacement at the pole, at the start; ``rate`` (element,) [1/s]: how fast the
-    elements recover.
+    ``stored`` (element,) [J] and ``dent`` (element,) [m]: energy of each element of the memory, and its displacement at
+    the pole, at the start; ``rate`` (element,) [1/s]: how fast the elements recover.
     """
-    s, trail, gravity = times - start.time, np.zeros(times.size, MOTION), body.gravity
-    trail["time"], trail["velocity"], trail["acceleration"] = times, start.velocity + gravity * s, gravity
+    trail, gravity = np.zeros(s.size, MOTION), body.gravity
+    trail["time"], trail["velocity"], trail["acceleration"] = start.time + s, start.velocity + gravity * s, gravity
     trail["approach"] = trail["position"] = start.position + (start.velocity + 0.5 * gravity * s) * s
     trail["surface"] = np.exp(-s[:, None] * rate) @ dent
     trail["stored"] = np.exp(-2.0 * s[:, None] * rate) @ stored

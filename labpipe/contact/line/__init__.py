@@ -6,7 +6,7 @@ from labpipe.contact.line import dissipation as dissipation, westergaard as west
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.contact.line._indentation import indent as indent, indent_load as indent_load
+    from labpipe.contact.line._indentation import indent as indent
     from labpipe.contact.line._surface import line_kernel as line_kernel
     from labpipe.contact.line.dissipation import (
         dimensionless_frequency as dimensionless_frequency,

@@ -18,11 +18,12 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.linalg import toeplitz
 from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
-from labpipe.contact._march import Control, March
-from labpipe.contact._memory import Creep, checked_history, checked_load
+from labpipe.contact._march import March
+from labpipe.contact._memory import Creep, checked_history
 from labpipe.contact._thesis_scheme import ThesisScheme
 from labpipe.contact.line._surface import LineKernel, line_kernel, strip_bed, tip_height
 from labpipe.errors import InputError
@@ -36,10 +37,8 @@ DEFAULT_ELEMENTS = 1024
 """Strips per period: the elastic force is then good to 4e-6 from a half width of λ/50 on."""
 
 DEFAULT_RTOL = 1e-4
-"""Error of the force over the history, relative to the largest; with a pressed load, of the approach."""
+"""Error of the force over the history, relative to the largest."""
 
-# Bytes: larger maps are a mistake more often than a wish.
-_MAX_MAP = 2 << 30
 # So many strips go without the threads of the linear algebra: they gain nothing there, and where all
 # processors are busy a factor of 128 strips waited for them for 20 times its own time.
 _BY_ONE_THREAD = 1200
@@ -99,8 +98,7 @@ def indent(
     elements : int, optional
         Strips per period, even.
     rtol : float
-        Error to aim at, over the largest force (or approach, by load); steps adapt, at least two
-        between samples.
+        Error to aim at, over the largest force; steps adapt, at least two between samples.
     outputs : sequence of {"pressure", "surface", "energy"}
         Further variables.
     progress : callable, optional
@@ -152,57 +150,7 @@ def indent(
         return line.by_thesis_scheme(times, values)
     if solver != "springs":
         raise InputError(f'solver is "{solver}", expected "springs" or "thesis"')
-    return line.march(times, values, "displacement", rtol, outputs, progress)
-
-
-def indent_load(
-    material: Solid,
-    tip_radius: Measure,
-    period: Measure,
-    depth: Measure,
-    time: ArrayLike,
-    load: ArrayLike,
-    profile: str = "parabola",
-    thickness: Measure = np.inf,
-    elements: int = DEFAULT_ELEMENTS,
-    *,
-    rtol: float = DEFAULT_RTOL,
-    outputs: Sequence[Output] = (),
-    progress: Callable[[float], None] | None = None,
-) -> xr.Dataset:
-    """Press a periodic row of tips into a viscoelastic surface by a prescribed load.
-
-    Parameters
-    ----------
-    load : array (time,) [N]
-        Compressive load, at least 0, linear between the samples; a first load above 0 is a jump.
-
-    Returns
-    -------
-    Dataset
-        As :func:`indent`; ``displacement`` is the solution. Without load it is where the tip just
-        touches the recovering surface.
-
-    Raises
-    ------
-    InputError
-        As :func:`indent`; or a load is negative.
-
-    See Also
-    --------
-    indent : all other parameters, and the same run by displacement.
-
-    Examples
-    --------
-    >>> from labpipe.materials import Prony
-    >>> rubber = Prony(7.6e6, [], [], nu=0.5)
-    >>> result = indent_load(rubber, 2e-3, 8e-3, 18e-3, [0.0], [12.4], profile="cosine")
-    >>> round(float(result.displacement[0]) * 1e3, 3)
-    0.1
-    """
-    times, values = checked_load(time, load)
-    line = _Line.of(material, (tip_radius, period, depth, thickness), profile, elements)
-    return line.march(times, values, "force", rtol, outputs, progress)
+    return line.march(times, values, rtol, outputs, progress)
 
 
 @cache
@@ -235,34 +183,27 @@ class _Line:
     def march(
         self,
         time: Floats,
-        value: Floats,
-        control: Control,
+        displacement: Floats,
         rtol: float,
         outputs: Sequence[Output],
         progress: Callable[[float], None] | None,
     ) -> xr.Dataset:
-        """March through a checked history of displacement [m] or load [N]."""
+        """March through a checked history of displacement [m]."""
         kernel, elements = self.kernel, self.kernel.elements
         if not 1e-8 <= rtol <= 0.1:
             raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1")
         if unknown := [name for name in outputs if name not in ("pressure", "surface", "energy")]:
             raise InputError(f'output "{unknown[0]}" is unknown; use any of pressure, surface, energy')
         maps = [name for name in ("pressure", "surface") if name in outputs]
-        if (n_bytes := len(maps) * time.size * elements * 8) > _MAX_MAP:
-            raise InputError(
-                f"the maps of {time.size} samples would take {n_bytes / 2**30:.1f} GiB; request them "
-                f"for a part of the history or with fewer elements"
-            )
         heights = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period, kernel.spacing)
-        limit = self._limit(heights, value if control == "displacement" else None)
-        reach, values = (float(value.max()), value) if control == "displacement" else (np.inf, value / self.depth)
+        limit = self._limit(heights, displacement)
         rows, answers = {name: np.empty((time.size, elements)) for name in maps}, np.empty((time.size, 7))
         with _libraries().limit(limits=1 if elements <= _BY_ONE_THREAD else None, user_api="blas"):
             # The strip at half a period is stored once, at index 0; a circle ends before.
             half = np.append(heights[elements // 2 :], heights[0])
-            bed = strip_bed(kernel, half[np.isfinite(half)], reach)
-            march = March(bed.springs, self.creep, control, rtol, limit)
-            for n, found in enumerate(march.run(time, values)):
+            bed = strip_bed(kernel, half[np.isfinite(half)], float(displacement.max()))
+            march = March(bed.springs, self.creep, "displacement", rtol, limit)
+            for n, found in enumerate(march.run(time, displacement)):
                 answers[n] = found
                 if "pressure" in maps:
                     rows["pressure"][n] = bed.pressure(kernel, march.room.load)
@@ -279,7 +220,7 @@ class _Line:
                 raise InputError(f"a negative pressure of {least.min():.3g} Pa was found; use more elements")
             rows["pressure"] = np.maximum(rows["pressure"], 0.0)
         counts = march.counts | {"unknowns": march.contact.size}
-        result = self._dataset(time, rows, counts, ("springs", "nested contact"))
+        result = self._dataset(time, rows, counts, "springs")
         if "energy" in outputs:
             error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
             largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
@@ -292,25 +233,22 @@ class _Line:
         step = float(steps.mean()) if steps.size else 0.0
         if steps.size and not (step > 0.0 and np.allclose(steps, step, rtol=1e-6, atol=0.0)):
             raise InputError("the thesis's scheme needs uniform time steps; resample the history")
-        strip = np.arange(kernel.elements)
-        matrix = kernel.influence[np.abs(strip[:, None] - strip)]
         height = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period)
-        lags: Floats = step * np.arange(time.size, dtype=float)
-        scheme = ThesisScheme(matrix, height, self.creep.compliance(lags))
+        creep = self.creep.compliance(step * np.arange(time.size, dtype=float))
+        scheme = ThesisScheme(toeplitz(kernel.influence), height, creep)
         force, width = np.zeros((2, time.size))
         for n, depth in enumerate(displacement):
             scheme.step(n, depth)
             force[n] = kernel.spacing * scheme.pressure.sum()
             width[n] = 0.5 * kernel.spacing * np.count_nonzero(scheme.pressure)
         rows = {"displacement": displacement, "force": force, "contact_half_width": width}
-        return self._dataset(time, rows, scheme.work, ("thesis", "asked for"))
+        return self._dataset(time, rows, scheme.work, "thesis")
 
-    def _limit(self, heights: Floats, displacement: Floats | None) -> str:
+    def _limit(self, heights: Floats, displacement: Floats) -> str:
         """Sentence on the deepest possible contact; refuse displacements that go beyond."""
         full = float(heights.mean()) if self.kernel.mean_compliance == 0.0 else np.inf
         limit = (
-            f"the contact reaches the end of the indenter (radius {self.tip_radius:.4g} m, period "
-            f"{self.kernel.period:.4g} m); reduce the displacement"
+            f"the contact reaches the end of the indenter of radius {self.tip_radius:.4g} m; reduce the displacement"
         )
         if np.isfinite(full):
             limit = (
@@ -319,14 +257,12 @@ class _Line:
                 "meant to be nearly full"
             )
         deepest = min(full, self.thickness)
-        if displacement is not None and (beyond := np.flatnonzero(displacement >= deepest)).size:
+        if (beyond := np.flatnonzero(displacement >= deepest)).size:
             reason = limit if deepest == full else f"more than the layer's thickness of {self.thickness:.4g} m"
             raise InputError(f"displacement[{beyond[0]}] is {displacement[beyond[0]]:.4g} m: {reason}")
         return limit
 
-    def _dataset(
-        self, time: Floats, rows: dict[str, Floats], counts: dict[str, int], solver: tuple[str, str]
-    ) -> xr.Dataset:
+    def _dataset(self, time: Floats, rows: dict[str, Floats], counts: dict[str, int], solver: str) -> xr.Dataset:
         """Dataset of the rows (time,) or (time, element), per unit of depth."""
         variables: dict[str, Any] = {}
         for name, values in rows.items():
@@ -338,6 +274,5 @@ class _Line:
         if any(values.ndim == 2 for values in rows.values()):
             coordinates["x"] = variable("x", self.kernel.position, "m", "Position along the period")
         work = counts | {"elements": self.kernel.elements, "terms": self.creep.n_terms}
-        attributes = {"solver": solver[0], "solver_reason": solver[1], "datum": self.kernel.datum}
-        attributes |= {"profile": self.profile, "work": json.dumps(work)}
+        attributes = {"solver": solver, "datum": self.kernel.datum, "profile": self.profile, "work": json.dumps(work)}
         return xr.Dataset(variables, coordinates, attributes)

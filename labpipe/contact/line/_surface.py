@@ -15,11 +15,9 @@ those of a layer are absolute.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cholesky, hankel, solve_triangular, toeplitz
 from scipy.special import zeta
 
 from labpipe.arrays import Floats
@@ -60,7 +58,7 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float, strip:
     return np.where(np.abs(x) < tip_radius, height, np.inf)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class LineKernel:
     """Displacements of a periodic surface under strips of unit pressure, for E* = 1.
 
@@ -71,14 +69,6 @@ class LineKernel:
     period: float
     influence: Floats
     mean_compliance: float
-
-    @cached_property
-    def symbol(self) -> Floats:
-        """Real Fourier transform (wave number,) of the influence in m."""
-        symbol: Floats = np.fft.rfft(self.influence).real
-        if self.mean_compliance == 0.0:
-            symbol[0] = 0.0  # constants are the null space, without a rounding error
-        return symbol
 
     @property
     def elements(self) -> int:
@@ -101,17 +91,18 @@ class LineKernel:
         return "mean surface" if self.mean_compliance == 0.0 else "rigid base (absolute)"
 
     def displacement(self, pressure: Floats) -> Floats:
-        """Displacement (..., element) under the pressures (..., element), by one FFT product."""
-        spectrum = np.fft.rfft(pressure, axis=-1)
-        return np.fft.irfft(spectrum * self.symbol, n=self.elements, axis=-1)
+        """Displacement (element,) under pressures (element,)."""
+        symbol = np.fft.rfft(self.influence).real
+        if self.mean_compliance == 0.0:
+            symbol[0] = 0.0  # constants are the null space, without a rounding error
+        return np.fft.irfft(np.fft.rfft(pressure) * symbol, n=self.elements)
 
 
 def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: float = 0.5) -> LineKernel:
     """Influence coefficients of a periodic half-plane, or of a layer bonded to a rigid base.
 
     ``period`` [m]: λ; ``elements``: strips per period, even; ``thickness`` [m]: of the layer, infinite for the
-    half-plane; ``nu``: Poisson's ratio, which matters for a layer only. A value outside its domain, or a layer so thin
-    that the sum over its wave numbers is out of reach, raises InputError.
+    half-plane; ``nu``: Poisson's ratio, which matters for a layer only.
 
     References
     ----------
@@ -144,8 +135,7 @@ def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: flo
     n_modes = int(np.ceil(_DEEP * period / (2.0 * np.pi * thickness))) + 1
     if n_modes > _MAX_MODES:
         raise InputError(
-            f"a layer of {thickness:.3g} m under a period of {period:.3g} m needs {n_modes} wave "
-            f"numbers, at most {_MAX_MODES} are summed; give a thicker layer or a shorter period"
+            f"a layer of {thickness:.3g} m is too thin for a period of {period:.3g} m: give a thicker layer"
         )
     mode = np.arange(1, n_modes + 1)
     q: Floats = 2.0 * np.pi / period * mode.astype(float)
@@ -192,11 +182,7 @@ def layer_deviation(z: Floats, nu: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class StripBed:
-    """The bed of springs of a line contact, and the factored half period behind it.
-
-    ``factor`` (spring, spring): lower triangle; ``scale`` (spring,): pressure per load of the springs is
-    ``factor^-T (scale * load)``.
-    """
+    """The bed of springs of a line contact; the pressure per load of the springs is ``factor^-T (scale * load)``."""
 
     springs: SpringBed
     factor: Floats
@@ -216,8 +202,7 @@ def strip_bed(kernel: LineKernel, profile: Floats, reach: float) -> StripBed:
     """Factor the half period of a symmetric profile from the centre outwards.
 
     ``profile`` (n,) [m] is the height of the indenter above its lowest point at x = 0, Δx, 2Δx, ..., fewer values than
-    ``elements/2 + 1`` when it ends before; only strips that an approach of ``reach`` [m] can touch are factored, all
-    for infinity. A layer too thin for its strips, whose influence matrix is not positive definite, raises InputError.
+    ``elements/2 + 1`` when it ends before; only strips that an approach of ``reach`` [m] can touch are factored.
     """
     half = kernel.elements // 2
     is_half_plane = kernel.mean_compliance == 0.0
@@ -255,16 +240,11 @@ def strip_bed(kernel: LineKernel, profile: Floats, reach: float) -> StripBed:
 
 
 def folded_matrix(kernel: LineKernel, n: int) -> tuple[Floats, Floats]:
-    """Influence matrix (n, n) of the folded half period, made symmetric, and the strip counts (n,).
-
-    Strip 0 (and the one at half a period) occurs once, every other one twice.
-    """
-    influence = kernel.influence  # even about 0, so that sums of indices wrap around for themselves
-    apart = sliding_window_view(np.concatenate([influence[n - 1 : 0 : -1], influence[:n]]), n)[::-1]
-    together = sliding_window_view(np.concatenate([influence, influence[: max(2 * n - 1 - influence.size, 0)]]), n)[:n]
-    matrix: Floats = apart + together
+    """Influence matrix (n, n) of the folded half period, made symmetric, and how often (n,) each strip occurs."""
+    influence, counts = kernel.influence, np.full(n, 2.0)
+    matrix = toeplitz(influence[:n])
+    matrix += hankel(influence[:n], np.take(influence, range(n - 1, 2 * n - 1), mode="wrap"))
     matrix *= 2.0
-    counts = np.full(n, 2.0)
     for strip in (0, n - 1) if n == kernel.elements // 2 + 1 else (0,):
         counts[strip] = 1.0
         matrix[strip] *= 0.5

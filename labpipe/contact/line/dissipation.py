@@ -13,8 +13,7 @@ Corrections to the text. The critical amplitude α_c *falls* as the frequency ri
 rises: from about Δ₀ at rest to about Δ₀/β, β = E_unrelaxed/E_relaxed (the sentence after 2.34 says
 the opposite). E* = E/(1 − ν²) enters the stiffness; it cancels in α_c.
 
-The theory keeps the contact width; it is the limit of small α. Beyond α_c the indenter taps and
-(2.31) is an extrapolation: ask for ``beyond="nan"`` to leave it out.
+The theory keeps the contact width; it is the limit of small α. Beyond α_c the indenter taps.
 """
 
 from typing import Literal
@@ -134,8 +133,7 @@ def dissipated_power(
     """Mean power [W] that a recorded oscillation dissipates, by its spectrum: eqs. (2.26)-(2.30).
 
     The power of force and velocity is summed over the lines of the displacement's spectrum,
-    ``sum omega Im kappa(omega) |x(omega)|^2 / 2``, each with the stiffness at its own frequency. For a
-    sine it is (2.31) divided by the period; a displacement that is none needs no amplitude.
+    ``sum omega Im kappa(omega) |x(omega)|^2 / 2``, each with the stiffness at its own frequency.
 
     Parameters
     ----------
@@ -150,27 +148,13 @@ def dissipated_power(
     ------
     InputError
         The record is short, uneven or not finite, or as for :func:`dynamic_stiffness`.
-
-    Examples
-    --------
-    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
-    >>> time = np.arange(200) / 200 / 2.0
-    >>> moved = 1e-4 + 1e-5 * np.sin(2 * np.pi * 2.0 * time)
-    >>> power = dissipated_power(rubber, time, moved, 2e-3, 8e-3, 18e-3)
-    >>> work = float(dissipated_work(rubber, 2.0, 1e-5, 1e-4, 2e-3, 8e-3, 18e-3))
-    >>> round(power / 2.0 / work, 9)
-    1.0
     """
     t, x = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
-    if t.ndim != 1 or t.shape != x.shape or t.size < 8:
-        raise InputError(f"time has shape {t.shape}, displacement {x.shape}: expected 8 or more samples of both")
+    if t.ndim != 1 or t.shape != x.shape or t.size < 8 or not np.isfinite(x).all():
+        raise InputError(f"time has shape {t.shape}, displacement {x.shape}: expected 8 or more finite samples of both")
     interval = np.diff(t)
-    if not (np.isfinite(t).all() and np.isfinite(x).all() and float(interval.min()) > 0.0):
-        raise InputError("times must rise, and times and displacements be finite numbers")
-    if not np.allclose(interval, interval.mean(), rtol=5e-4, atol=0.0):
-        raise InputError(
-            f"the samples are uneven ({interval.min():.4g} to {interval.max():.4g} s apart); interpolate them"
-        )
+    if not (interval.min() > 0.0 and np.allclose(interval, interval.mean(), rtol=5e-4, atol=0.0)):
+        raise InputError(f"the samples are uneven ({interval.min():.4g} to {interval.max():.4g} s apart); resample")
     frequency = np.fft.rfftfreq(t.size, float(interval.mean()))[1:]
     line = 2.0 * np.abs(np.fft.rfft(x)[1:]) / t.size
     if t.size % 2 == 0:

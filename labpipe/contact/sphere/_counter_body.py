@@ -1,15 +1,8 @@
-r"""The other body of a contact: rigid, or elastic with a compliance of its own.
+"""The other body of a contact: rigid, or elastic with a compliance of its own.
 
-Two half-spaces in contact deform by the sum of their compliances,
-
-.. math:: J^*(t) = (1 - \nu^2) J(t) + \frac{1 - \nu_s^2}{E_s},
-
-an elastic spring in series with the viscoelastic ones: exact within the theory of small contacts, for
-any history, as the pressure is common to both [1]_.
-
-References
-----------
-.. [1] K. L. Johnson, Contact Mechanics (1985), section 4.2, doi:10.1017/CBO9781139171731
+Two half-spaces deform by the sum of their compliances, ``(1 - nu^2) J(t) + (1 - nu_s^2)/E_s``: exact within the theory
+of small contacts, for any history (K. L. Johnson, Contact Mechanics, 1985, section 4.2,
+doi:10.1017/CBO9781139171731).
 """
 
 from typing import NamedTuple
@@ -81,16 +74,6 @@ def counter_body(substrate: Substrate) -> CounterBody | None:
 
 
 def counter_compliance(substrate: Substrate) -> float:
-    """Contact compliance of a counter-body in 1/Pa; 0 of a rigid one.
-
-    See Also
-    --------
-    counter_body : the counter-bodies, and the errors.
-
-    Examples
-    --------
-    >>> counter_compliance(None), round(1e-9 / counter_compliance("sapphire"), 1)
-    (0.0, 426.6)
-    """
+    """Contact compliance of a counter-body in 1/Pa, see :func:`counter_body`; 0 of a rigid one."""
     body = counter_body(substrate)
     return 0.0 if body is None else body.compliance

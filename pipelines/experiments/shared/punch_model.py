@@ -178,7 +178,7 @@ def simulated(
         Of first touch, of the punch as session.toml states it, and of other uncertain inputs of the solid;
         that of the number of tips has no uncertainty, but can be stated wrongly.
     attrs : dict
-        ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
+        ``solver``, ``datum`` and the JSON counts ``work``.
     """
     from labpipe.identification import lee_radok_basis
 
@@ -190,7 +190,7 @@ def simulated(
 
     made = geometry.pressed(solid, time[kept], depth[kept])
     force = np.interp(time, time[kept], made["force"].values)
-    attrs = {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
+    attrs = {key: str(made.attrs[key]) for key in ("solver", "datum")}
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}

@@ -50,7 +50,7 @@ def measured(settings: Any, context: Context, readings: Any = None, loads: Any =
     if made is not None and settings.substrate is not None:
         rows += [
             ("material", settings.substrate.source, ""),
-            ("solver", made.attrs["solver"], made.attrs["solver_reason"]),
+            ("solver", made.attrs["solver"], ""),
             ("datum of displacement", made.attrs["datum"], ""),
         ]
     blocks: list[Block] = [KeyValues([row for row in rows if row[1]])]

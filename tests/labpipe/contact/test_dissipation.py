@@ -38,7 +38,7 @@ def test_the_spectral_route_is_the_closed_form_and_adds_harmonics():
     ("time", "moved", "said"),
     [
         (np.arange(4.0), np.ones(4), "8 or more"),
-        (np.arange(10.0)[::-1], np.ones(10), "rise"),
+        (np.arange(10.0)[::-1], np.ones(10), "uneven"),
         (np.arange(10.0) ** 2, np.ones(10), "uneven"),
     ],
 )

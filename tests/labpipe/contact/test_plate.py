@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.contact import drop, impacts
-from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact import Plate
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
