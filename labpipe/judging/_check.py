@@ -1,7 +1,6 @@
 """Checks of a record: two ways to the same quantity, or a quantity against a law.
 
-A check is one physical redundancy or one property of a record. It is evaluated once for every recording,
-or once for every value that an experiment states, and is one row of a page: the check with its evaluations.
+It is evaluated for every recording, or every value that an experiment states, and is one row of a page.
 """
 
 from dataclasses import KW_ONLY, dataclass
@@ -18,8 +17,7 @@ FLAGS = {"yes": 1, "unknown": 2, "doubtful": 3, "impossible": 4}
 IMPOSSIBLE = 10.0
 """Standard uncertainties beyond which two ways to one quantity contradict each other."""
 DOUBTFUL = 4.0
-"""Standard uncertainties beyond which they are doubtful: once in 16,000 by chance, so that the
-twenty checks of a record raise a false alarm in 0.1 % of cases where uncertainties are right."""
+"""Standard uncertainties beyond which they are doubtful: once in 16,000 by chance."""
 BROKEN = 5.0
 """Standard uncertainties by which a law without exceptions must be broken to be broken."""
 
@@ -28,11 +26,10 @@ BROKEN = 5.0
 class Finding:
     """A fault of a record, its most likely cause, and where to look.
 
-    ``check`` names the check; ``message`` gives observation and expectation, with numbers; ``cause`` is the most likely
-    mistake, empty when nothing singles one out. ``file`` of the session to look at is relative to it, empty for
-    session.toml, with the ``line`` where it is known. ``setting`` is a dotted name in that file (``"sphere.radius"``;
-    of session.toml below the experiment), from which line and ``value``, its text, are found when the finding is
-    shown: lines move, names do not.
+    ``message`` gives observation and expectation, with numbers; ``cause`` is the most likely mistake, empty when
+    nothing singles one out. ``file`` is relative to the session, empty for session.toml. ``setting`` is a dotted name
+    in it (``"sphere.radius"``; of session.toml below the experiment), from which ``line`` and ``value``, its text, are
+    found when the finding is shown: lines move, names do not.
     """
 
     check: str
@@ -66,26 +63,14 @@ class Place(TypedDict, total=False):
 class Check:
     """A check of one recording or of one stated value, with its result.
 
-    Attributes
-    ----------
-    name, message : str
-        The compared quantity, to which causes refer, and the observed and the expected value.
-    level : "impossible", "doubtful", "note" or None
-        None where nothing is wrong.
-    margin : float
-        Difference in units of its standard uncertainty; NaN where that has no meaning, as within a limit.
-    log_ratio, u_log_ratio : float
-        Natural logarithm of observed over expected and its standard uncertainty, by which causes are distinguished;
-        NaN where a factor would explain nothing.
-    needs : str
-        Missing statement or recording; empty when the evaluation was made.
-    cause, file, line, setting
-        As in :class:`Finding`, where the check itself knows them; a passed evaluation has no cause.
-    title, recording : str
-        Check that it belongs to, and recording that was evaluated; empty for one that is named as the quantity, and for
-        a value of the settings.
-    is_generic : bool
-        A processing step failed; a finding about the record itself explains it better.
+    ``name`` is the compared quantity, to which causes refer; ``message`` gives the observed and the expected value;
+    ``level`` is None where nothing is wrong. ``margin`` is the difference in units of its standard uncertainty (NaN
+    where that has no meaning, as within a limit), ``log_ratio`` the natural logarithm of observed over expected, by
+    which causes are distinguished (NaN where a factor would explain nothing). ``needs`` is the statement or recording
+    that is missing, empty when the evaluation was made. ``cause``, ``file``, ``line`` and ``setting`` are as in
+    :class:`Finding`, where the check itself knows them. ``title`` is the check that it belongs to, its name by
+    default; ``recording`` was evaluated, empty for a value of the settings. ``is_generic`` is True where a processing
+    step failed: a finding about the record itself explains it better.
     """
 
     name: str
@@ -145,18 +130,16 @@ class CheckSummary(NamedTuple):
         if not made:
             return self.level or "not made"
         failed = [e for e in made if WEIGHT[e.level] > 1]
-        noun, wrong, count = "evaluations", len(failed), len(made)
-        text = f"{self.level}" if failed else "passed"
+        text, noun, wrong, count = str(self.level) if failed else "passed", "evaluations", len(failed), len(made)
         if places := {e.recording for e in made if e.recording}:
             noun, wrong, count = "recordings", len({e.recording for e in failed}), len(places)
         if count > 1:
-            text = f"{text} in {wrong if failed else count} of {count} {noun}"
-        margins = [abs(e.margin) for e in made if isfinite(e.margin)]
-        if not margins:
-            return f"{text}"
+            text += f" in {wrong if failed else count} of {count} {noun}"
+        worst = max((abs(e.margin) for e in made if isfinite(e.margin)), default=nan)
+        if worst >= 0.0:
+            text += f", worst margin {worst:.1f} u"
         # a passed comparison may differ by more where a systematic effect is allowed for
-        allowed = " within the known systematic effects" if not failed and max(margins) > DOUBTFUL else ""
-        return f"{text}, worst margin {max(margins):.1f} u{allowed}"
+        return text + " within the known systematic effects" * (worst > DOUBTFUL and not failed)
 
 
 def compared(
@@ -177,7 +160,7 @@ def compared(
     ----------
     name, message, **place
         See :class:`Check`.
-    seen, expected, u_seen, u_expected : float
+    seen, u_seen, expected, u_expected : float
         In one unit; standard uncertainties without contributions that both share.
     allowance : float
         Largest systematic effect that the kind of experiment knows (such as drag), in the same unit.
@@ -221,7 +204,7 @@ def bounded(
     value, u : float
         With standard uncertainty, at least that of the noise.
     at_least, at_most : float
-        The law.
+        Bounds of the law.
     is_law : bool
         False for a plausible range: beyond it a value is doubtful, never impossible.
 
@@ -237,10 +220,6 @@ def bounded(
     return Check(name, message, _level(margin, BROKEN, "impossible" if is_law else "doubtful"), margin, **place)
 
 
-def _level(margin: float, most: float, worst: Level) -> Level | None:
-    return worst if margin > most else "doubtful" if margin > DOUBTFUL else None
-
-
 def stated(name: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
     return Check(name, message, level, **place)
@@ -249,3 +228,7 @@ def stated(name: str, message: str, level: Level | None, **place: Unpack[Place])
 def not_made(name: str, needs: str) -> Check:
     """Return a check that could not be made, with the statement or recording that it needs."""
     return Check(name, "", needs=needs)
+
+
+def _level(margin: float, most: float, worst: Level) -> Level | None:
+    return worst if margin > most else "doubtful" if margin > DOUBTFUL else None

@@ -185,7 +185,7 @@ def test_verdicts_of_models():
 def test_a_detectable_error_is_shown_as_often_as_said():
     random = np.random.default_rng(4)
     C, s = shared(5, 1.0, 0.5), np.array([1.0, 2.0, 0.0, -1.0, 0.5])
-    error = float(detectable(s, C)[0])
+    error = float(detectable(s[:, None], C)[0])
     limit = stats.chi2.isf(0.05, 5)
     root = np.linalg.cholesky(C)
     shown = np.mean([agreement(root @ random.normal(size=5) + error * s, C).chi2 > limit for _ in range(1000)])
