@@ -50,9 +50,8 @@ def velocity(
     Parameters
     ----------
     displacement : Dataset with ``displacement`` or DataArray, over time [m]
-        Coordinate ``time`` in s, strictly increasing, evenly spaced or not. NaN marks samples
-        that the instrument could not read; they are left out. Never modified. An attribute ``hum``
-        of the Dataset says which hum was taken out of it already.
+        Coordinate ``time`` in s, strictly increasing, evenly spaced or not; NaN is left out. An attribute ``hum`` of
+        the Dataset says which hum was taken out of it already.
     method : {"spline", "thesis", "difference"}
         ``"spline"``: adaptive quintic smoothing spline. It finds impacts by itself.
         ``"thesis"``: central differences inside, one-sided at the ends (3.11-3.13), then a moving
@@ -62,8 +61,7 @@ def velocity(
         Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, and touches and lift-offs
         are breaks.
     breaks : array (k,), optional [s]
-        Spline only: times of touch and lift-off, where knots may break: the third derivative may
-        jump. A few per cent better than letting the spline find the contacts.
+        Spline only: times of touch and lift-off, at which the third derivative may jump.
     releases : array (k,), optional [s]
         Spline only: times at which the acceleration itself may jump (a release, a hard stop).
     noise : float or text with a unit, optional [m]
@@ -74,18 +72,15 @@ def velocity(
     Returns
     -------
     DataArray (time,) [m/s]
-        Named ``velocity``, with the non-index coordinate ``u_velocity`` (time,) [m/s], the
-        standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
-        which the noise is correlated), ``quantisation`` (m); ``n_spikes`` (outliers given no weight); ``work`` (JSON
-        counts).
-        NaN where the displacement is NaN.
+        Named ``velocity``, with the coordinate ``u_velocity`` (time,) [m/s], the standard uncertainty; NaN where the
+        displacement is. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over which the noise is
+        correlated), ``quantisation`` (m); ``n_spikes`` (outliers given no weight); ``work`` (JSON counts).
 
     Raises
     ------
     InputError
-        No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit
-        than m, times that do not increase, fewer than two readings (12 for the spline), infinite values, a negative
-        noise, breaks that are not finite, or a window below 1 or longer than the record.
+        No displacement over increasing times in m, fewer than two readings (12 for the spline), infinite values, a
+        negative noise, breaks that are not finite, or a window below 1 or longer than the record.
 
     Warns
     -----
@@ -94,11 +89,10 @@ def velocity(
 
     Notes
     -----
-    For the spline ``u_velocity`` is the posterior standard deviation and includes the expected
-    smoothing error, and noise that is not white, such as flicker and hum, as far as the record has stretches of
-    rest or flight that show it. It cannot include motion that stays below the noise over its whole life, such
-    as the last, sub-noise cycles of a decaying vibration, nor the smoothing of a
-    computed curve by the spline itself: up to 3e-4 of the largest velocity where there is no noise. For the two
+    For the spline ``u_velocity`` is the posterior standard deviation and includes the expected smoothing error, and
+    noise that is not white as far as the record has stretches of rest or flight that show it. It cannot include motion
+    that stays below the noise over its whole life, such as the last cycles of a decaying vibration, nor the
+    smoothing of a computed curve: up to 3e-4 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
 
     Examples

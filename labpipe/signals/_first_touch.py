@@ -16,10 +16,8 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> float:
 
     Parameters
     ----------
-    position : array (n,) [m]
-        Of a slow approach, growing towards the sample; NaN is left out, here and in the force.
-    force : array (n,) [N]
-        Compression positive, any offset.
+    position, force : array (n,) [m, N]
+        Of a slow approach, growing towards the sample, compression positive at any offset; NaN is left out.
 
     Returns
     -------

@@ -1,9 +1,8 @@
 """Noise of a record, estimated from the record alone.
 
-High-order differences remove every smooth motion and leave the noise; the median makes the few
-samples at contacts harmless. A sensor that averages (a moving average of N samples, a low-pass)
-leaves neighbouring samples correlated, and then differences see far too little: the estimate is
-repeated on block means, and climbs until it no longer grows.
+High-order differences remove every smooth motion; the median makes the few samples at contacts harmless. A sensor that
+averages leaves neighbouring samples correlated, and differences see too little: the estimate is repeated on block means
+until it no longer grows.
 """
 
 from itertools import pairwise
@@ -36,7 +35,7 @@ class Noise(NamedTuple):
 
 
 def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
-    """Estimate the noise of equally important samples in their order.
+    """Estimate the noise of samples in their order.
 
     Parameters
     ----------
@@ -45,18 +44,12 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     time : array (n,), optional
         Their times, when they are not evenly spaced.
 
-    Returns
-    -------
-    Noise
-        In the unit of ``values``.
-
     Notes
     -----
-    White noise has the same level in samples and in means of 2 and 4 samples (times the root of
-    their number); correlated noise climbs to such a plateau, motion climbs without one. The first
-    plateau is taken, and the samples themselves when there is none.
-    The smallest value returned is ``step / sqrt(12)``, the standard deviation of rounding, or
-    1e-9 of the range of the values.
+    White noise has the same level in samples and in means of 2 and 4 samples (times the root of their number);
+    correlated noise climbs to such a plateau, motion climbs without one. The first plateau is taken, and the samples
+    themselves when there is none; at least ``step / sqrt(12)``, the standard deviation of rounding, or 1e-9 of the
+    range.
 
     Examples
     --------
@@ -109,9 +102,8 @@ def deviation(values: Floats) -> float:
 def quantisation_step(values: Floats) -> float:
     """Return the step of which all samples are multiples (about an offset), or 0.
 
-    The step must be met at least three times among the differences, differences of no step at all
-    or of another multiple must occur, and nine in ten differences must be multiples to a twentieth;
-    noise of a continuous sensor passes none of these.
+    Among the differences it must occur three times, none or another multiple as well, and nine in ten must be multiples
+    to a twentieth; noise of a continuous sensor passes none of these.
     """
     some = max(len(values) // 5000, 1)  # of a long record
     differences = np.abs(values[1::some] - values[:-1:some])

@@ -1,8 +1,7 @@
 """The free ringing after an impact: a damped oscillation between two impacts.
 
 A plate that is struck moves with the impact, rings freely, and is struck again by the next bounce.
-Only the free stretch is one damped oscillation, and nothing in the record marks its end, which is
-found by prediction: a stretch grows, block by block, as long as the oscillation fitted so far
+Only the free stretch is one damped oscillation: it grows, block by block, as long as the oscillation fitted so far
 predicts the next block to within the noise.
 """
 
@@ -48,20 +47,12 @@ def ringing(
 
     Parameters
     ----------
-    time : array (n,) [s]
-        Evenly sampled; the beginning is at rest.
-    signal : array (n,) [m]
-        Displacement upwards, against the impact; NaN is left out.
-    longest_impact : float [s]
-        No contact lasts longer.
-    shortest_pause : float [s]
-        No second impact comes sooner after the onset.
+    time, signal : array (n,) [s, m]
+        Evenly sampled displacement upwards, against the impact; the beginning is at rest. NaN is left out.
+    longest_impact, shortest_pause : float [s]
+        No contact lasts longer, and no second impact comes sooner after the onset.
     noise : float, optional [m]
         Standard deviation of white noise; default estimated from the quiet beginning.
-
-    Returns
-    -------
-    Ringing
 
     Raises
     ------
