@@ -19,7 +19,7 @@ from scipy import sparse
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
-from labpipe.signals._noise import Noise, deviation, estimate_noise
+from labpipe.signals._noise import Noise, estimate_noise
 from labpipe.signals._noise_spectrum import excess_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
@@ -92,7 +92,7 @@ def velocity(
     For the spline ``u_velocity`` is the posterior standard deviation and includes the expected smoothing error, and
     noise that is not white as far as the record has stretches of rest or flight that show it. It cannot include motion
     that stays below the noise over its whole life, such as the last cycles of a decaying vibration, nor the
-    smoothing of a computed curve: up to 3e-4 of the largest velocity where there is no noise. For the two
+    smoothing of a computed curve: up to 1e-3 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
 
     Examples
@@ -127,7 +127,7 @@ def velocity(
                 'method="difference" and give the noise'
             )
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
-        v, u, known, attributes = _spline(t, y, known, noise is None, cuts)
+        v, u, attributes = _spline(t, y, known.sigma, cuts)
     elif method in ("thesis", "difference"):
         if method == "thesis" and not 1 <= window <= len(t):
             raise InputError(f"window must be from 1 to the {len(t)} readings; found {window}")
@@ -188,35 +188,22 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]]
-) -> tuple[Floats, Floats, Noise, dict[str, Any]]:
-    """Velocity, uncertainty, noise and attributes of the smoothing spline."""
-    if known.sigma <= 0.0:
+    t: Floats, y: Floats, sigma: float, cuts: tuple[list[float], list[float]]
+) -> tuple[Floats, Floats, dict[str, Any]]:
+    """Velocity, uncertainty and attributes of the smoothing spline."""
+    if sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
-        return np.zeros(len(t)), np.zeros(len(t)), known, {"n_spikes": 0, "work": json.dumps({"samples": len(t)})}
-    wild = outliers(y, t, noise=known.sigma)
+        return np.zeros(len(t)), np.zeros(len(t)), {"n_spikes": 0, "work": json.dumps({"samples": len(t)})}
+    wild = outliers(y, t, noise=sigma)
     n_spikes = int(wild.flags.sum())
     if n_spikes:
         warnings.warn(wild.message(t), UserWarning, stacklevel=3)
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
-    n_updates = 0
-    while True:
-        fit = smooth(t[kept], y[kept], known.sigma, *cuts)
-        (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
-        n_updates += fit.n_updates
-        if not may_refine or known.block > 1:
-            break
-        freedom, left = float(np.sum((u_level[kept] / fit.sigma) ** 2)), (y - level)[kept]
-        # The median leaves out the few samples around a jump that no spline follows.
-        found = deviation(left) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
-        found = max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
-        may_refine = False
-        if abs(np.log(found / known.sigma)) <= 0.1:
-            break
-        known = known._replace(sigma=found)
-    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], known.sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
-    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, known, {"n_spikes": n_spikes, "work": json.dumps(counts)}
+    fit = smooth(t[kept], y[kept], sigma, *cuts)
+    (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
+    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
+    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": fit.n_updates}
+    return v, u, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:
