@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
 from labpipe.signals._bounces import TOGETHER, fitted
 from labpipe.signals._impact_fit import LABELS, OUTPUTS
 from labpipe.signals._noise_spectrum import WHITE
@@ -38,10 +37,9 @@ def as_fitted(
         Of the simulation, one more than asked for where it goes on; a touch without lift-off has no duration (NaN).
     count : int
         Impacts from the first on that are wanted.
-    noise : float [m]
-        Standard deviation of the record's white noise, which weighs the samples against the expected shape.
-    gravity, u_gravity : float [m/s2]
-        Of the simulation, and its uncertainty in the record.
+    noise, gravity, u_gravity : float [m, m/s2]
+        The record's white noise, which weighs the samples against the expected shape; the simulation's acceleration,
+        and its uncertainty in the record.
     contact, floor
         As the record was analysed.
 
@@ -51,8 +49,6 @@ def as_fitted(
         Over ``impact`` the quantities that are compared together, such as ``restitution``; NaN where the simulation
         ends within the contact, or the fit finds another one.
     """
-    if not noise > 0.0:
-        raise InputError(f"noise = {noise} m: expected the positive standard deviation of the record's noise")
     time, height = displacement["time"].values, displacement.values
     ends = np.searchsorted(time, np.append(touch_time[1:], np.inf))
     turns = [

@@ -39,8 +39,7 @@ from labpipe.variables import variable, with_u
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Phases of a drop, in their order."""
 
-LONGEST_ARC = 12e-3
-"""Flight [s] used on either side of an impact; longer adds less than the pulse costs."""
+LONGEST_ARC = 12e-3  # of flight used on either side of an impact, s; longer adds less than the pulse costs
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _ENDS = 4  # readings at either end of a record that do not show which way it falls
@@ -74,17 +73,15 @@ def bounces(
     Returns
     -------
     Dataset
-        Over ``impact`` (numbered from 1), each with its ``u_``: the quantities of
-        :data:`labpipe.signals._impact_fit.LABELS`, levels in the record's own direction and zero. Times, speeds and
-        restitution also have a ``shared_u_``: the part of their ``u_`` by the unknown shape of the pulse, which drops
-        of the same body share. ``common_`` of those that are compared together (impact, ``unknown``): the change by one
-        deviation of each unknown of the shape, then of the impact's own noise, with its sign. ``chi_square`` of each
-        fit. Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when the record ends
-        before), ``contact_level``, ``drop_height``, ``rest_level`` [m], ``fall_acceleration`` [m/s2]; without,
-        ``settling_time`` [s]: the last touch, after which no flight can be resolved. Attributes: ``direction`` (+1
-        when larger displacement is higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which
-        the noise is more than twice as strong (0 when it is white), ``work``; ``hum``
-        (:meth:`labpipe.signals.Hum.to_text`) where there is one, which was taken out before anything was measured.
+        Over ``impact`` (from 1), each with its ``u_``: the quantities of :data:`labpipe.signals._impact_fit.LABELS`,
+        levels in the record's own direction and zero. ``shared_u_`` of times, speeds and restitution is the part of
+        ``u_`` by the unknown shape of the pulse, which drops of the same body share; ``common_`` of those that are
+        compared together (impact, ``unknown``) the change by one deviation of each unknown of the shape, then of the
+        impact's own noise, with its sign. Scalars with ``u_``: ``release_time``, ``first_contact_time``,
+        ``rest_time`` [s] (NaN when the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
+        ``fall_acceleration`` [m/s2]; without, ``settling_time`` [s]: the last touch, after which no flight can be
+        resolved. Attributes: ``direction`` (+1 when larger displacement is higher), ``noise`` (m) of neighbouring
+        samples, ``work``; ``hum`` (:meth:`labpipe.signals.Hum.to_text`) where there is one, which was taken out first.
 
     Raises
     ------
@@ -168,7 +165,7 @@ def _measured(
         "band_solves": motion.fit.n_updates,
         "impact_evaluations": sum(impact.n_evaluations for impact in impacts),
     }
-    result.attrs = {"direction": direction, "noise": sigma, "noise_corner": colour.corner, "work": json.dumps(counts)}
+    result.attrs = {"direction": direction, "noise": sigma, "work": json.dumps(counts)}
     if hum is not None:
         result.attrs["hum"] = hum.to_text()
     return result
@@ -268,8 +265,6 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     for name, parts in zip(TOGETHER, np.moveaxis(common, 1, 0), strict=True):
         text = f"change of {LABELS[name][1]} by one deviation of each common unknown"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
-    chi_square = [impact.chi_square for impact in impacts]
-    found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
     return found
 
 

@@ -1,8 +1,7 @@
 """Velocity from displacement, with its uncertainty; the noise is estimated from the record.
 
-Three estimators: ``"spline"`` (default, see :mod:`._smoothing_spline`), ``"thesis"``
-(central differences and a moving average, thesis eq. 3.11-3.14) and ``"difference"`` (3.11-3.13
-alone).
+Three estimators: ``"spline"`` (see :mod:`._smoothing_spline`), ``"thesis"`` (central differences and a moving average,
+eq. 3.11-3.14) and ``"difference"`` (3.11-3.13 alone).
 """
 
 from __future__ import annotations
@@ -29,9 +28,7 @@ from labpipe.variables import described
 
 Method = Literal["spline", "thesis", "difference"]
 
-THESIS_WINDOW = 5
-"""Span of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function."""
-
+THESIS_WINDOW = 5  # of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function
 _FEWEST_FOR_SPLINE = 12  # below, noise and motion cannot be distinguished
 
 
@@ -53,17 +50,15 @@ def velocity(
         Coordinate ``time`` in s, strictly increasing, evenly spaced or not; NaN is left out. An attribute ``hum`` of
         the Dataset says which hum was taken out of it already.
     method : {"spline", "thesis", "difference"}
-        ``"spline"``: adaptive quintic smoothing spline. It finds impacts by itself.
-        ``"thesis"``: central differences inside, one-sided at the ends (3.11-3.13), then a moving
-        average of ``window`` samples that shortens symmetrically towards the ends (3.14).
-        ``"difference"``: without the moving average.
+        ``"spline"``: adaptive quintic smoothing spline, which finds impacts by itself. ``"thesis"``: central
+        differences, one-sided at the ends (3.11-3.13), then a moving average of ``window`` samples that shortens
+        symmetrically towards the ends (3.14). ``"difference"``: without the moving average.
     events : Dataset, optional
         Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, and touches and lift-offs
         are breaks.
-    breaks : array (k,), optional [s]
-        Spline only: times of touch and lift-off, at which the third derivative may jump.
-    releases : array (k,), optional [s]
-        Spline only: times at which the acceleration itself may jump (a release, a hard stop).
+    breaks, releases : array (k,), optional [s]
+        Spline only: times of touch and lift-off, at which the third derivative may jump, and times at which the
+        acceleration itself may (a release, a hard stop).
     noise : float or text with a unit, optional [m]
         Standard deviation of the samples' white noise. Default: estimated from the record.
     window : int

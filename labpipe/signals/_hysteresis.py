@@ -100,14 +100,6 @@ def hysteresis_loops(
     -----
     The work is the area inside the path (x, F) of one period, closed by taking out the linear drift of both. It is a
     cubic spline between readings: a polygon of 50 readings per cycle is 0.3 % too small.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 10.0, 0.02)
-    >>> angle = 2 * np.pi * time
-    >>> found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
-    >>> round(float(found.mean() / (np.pi * 2e-4 * np.sin(0.1))), 3)
-    1.0
     """
     t, x, load = readings_of(time=time, position=position, force=force)
     if not t.size:

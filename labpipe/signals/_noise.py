@@ -13,9 +13,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 
-DIFFERENCE_ORDER = 8
-"""High enough that a sinusoid of 20 samples per period is suppressed 2e4 times against noise."""
-
+_DIFFERENCE_ORDER = 8  # a sinusoid of 20 samples per period is suppressed 2e4 times against noise
 _LARGEST_BLOCK, _FEWEST_DIFFERENCES = 64, 64
 _PLATEAU = 1.3  # two doublings of the block that change no more than this: it no longer grows
 _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise is treated so
@@ -50,13 +48,6 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     correlated noise climbs to such a plateau, motion climbs without one. The first plateau is taken, and the samples
     themselves when there is none; at least ``step / sqrt(12)``, the standard deviation of rounding, or 1e-9 of the
     range.
-
-    Examples
-    --------
-    >>> wave = np.sin(np.linspace(0.0, 9.0, 5000))
-    >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(5000)
-    >>> round(estimate_noise(wave + noise).sigma * 1e3, 1)
-    1.0
     """
     step = quantisation_step(values)
     resolution = 4.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
@@ -81,7 +72,7 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
 
 def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     """Noise level from the median of high-order differences; 0 when there are too few samples."""
-    order = min(DIFFERENCE_ORDER, len(values) - 2)
+    order = min(_DIFFERENCE_ORDER, len(values) - 2)
     if order < 1:
         return 0.0
     if time is None:

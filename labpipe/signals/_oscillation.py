@@ -207,14 +207,6 @@ def common_fit(
     -----
     A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position together: only the
     part of the force that does not follow the position, delayed by the lag, makes their ratio uncertain.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 20.0, 0.01)
-    >>> angle = 2 * np.pi * 0.5 * time
-    >>> fit = common_fit(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1))
-    >>> round(fit.phase_lag, 6), round(fit.storage_stiffness, 3)
-    (0.1, 19900.083)
     """
     t, x, load = readings_of(time=time, position=position, force=force)
     varying(t, load)  # a constant force has no phase

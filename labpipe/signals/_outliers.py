@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.signals._noise import estimate_noise
 
-LONGEST_RUN = 10
-"""Readings of one run that are left out; a longer interruption hides motion."""
+LONGEST_RUN = 10  # readings of one run that are left out; a longer interruption hides motion
 _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
 Indices = NDArray[np.int64]
 
@@ -63,13 +62,6 @@ def outliers(values: Floats, time: Floats | None = None, *, noise: float | None 
     ----------
     R. K. Pearson et al., Generalized Hampel filters, EURASIP J. Adv. Signal Process. 2016, 87,
     doi:10.1186/s13634-016-0383-6.
-
-    Examples
-    --------
-    >>> wave = np.sin(np.linspace(0.0, 9.0, 500)) + 1e-3 * np.random.default_rng(1).standard_normal(500)
-    >>> wave[[100, 101]] = 2.0
-    >>> outliers(wave).runs
-    [(100, 101)]
     """
     values = np.asarray(values, float)
     flags = np.zeros(values.size, bool)
