@@ -1,8 +1,7 @@
 """Verdicts on records: believability, agreement with a model, and the errors that a comparison could have shown.
 
-:func:`judge` makes one verdict of all checks of a record and ranks the mistakes that would explain them
-(:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole covariance. Levels follow
-QARTOD: pass, not evaluated, suspect, fail. Names are loaded when first used.
+:func:`judge` makes one verdict of all checks of a record and ranks the mistakes that would explain them. Levels follow
+QARTOD: pass, not evaluated, suspect, fail. :func:`agreement` compares measured with predicted values.
 """
 
 from typing import TYPE_CHECKING

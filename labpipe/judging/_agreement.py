@@ -1,9 +1,9 @@
 """Do measurement and model agree? Differences against their whole covariance.
 
-For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has
-independent directions (JCGM 102; generalised least squares). Calibrations and moduli that rows share are its
-elements off the diagonal, so that they count once. A variance that only allows for uncertain slopes is in C, but
-nothing is expected to scatter by it: with C0 for the rest, chi square and its degrees of freedom are trace(C^-1 C0).
+For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has independent
+directions (JCGM 102). Calibrations and moduli that rows share are its elements off the diagonal, so that they count
+once. Nothing is expected to scatter by slack, a variance that only allows for uncertain slopes: with C0 for the rest,
+chi square is trace(C^-1 C0) on the average.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,13 +20,11 @@ from labpipe.errors import InputError
 
 ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
-_SINGULAR = 1e-9
-"""Part of the largest variance (of correlations) below which a direction carries no information."""
-LIKELY, DIFFERS, _POWER = 0.05, 0.001, 0.95
-"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them;
-probability with which a detectable error is shown."""
-_OPEN = 0.05
-"""Part of a shared uncertainty by which its effects may have another shape than their sensitivities say."""
+LIKELY, DIFFERS = 0.05, 0.001
+"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
+_POWER = 0.95  # probability with which a detectable error is shown
+_SINGULAR = 1e-9  # part of the largest variance (of correlations) below which a direction carries no information
+_OPEN = 0.05  # part of a shared uncertainty by which its effects may differ in shape from their sensitivities
 _BATCHES, _FEWEST = 10, 6  # batches of a stretch, and the fewest that show its scatter
 _TREND = 2  # degree: flights and relaxations that differ do so along arcs
 
@@ -61,12 +59,10 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
 
     Parameters
     ----------
-    differences : array (row,)
-        Measured minus predicted, in any unit per row.
-    covariance : array (row, row)
-        Of the differences, with uncertainties that rows share off the diagonal.
+    differences, covariance : array (row,), array (row, row)
+        Measured minus predicted, in any unit per row; uncertainties that rows share are off the diagonal.
     slack : array (row,), optional
-        Part of its diagonal that is allowed to a row, and not expected of it. Default: none.
+        Part of the diagonal that is allowed to a row, and not expected of it. Default: none.
 
     Raises
     ------
@@ -115,18 +111,13 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     ----------
     sensitivities : array (row, input)
         Derivatives of the differences (measured minus predicted) to each input.
-    covariance, slack : array (row, row), array (row,)
+    covariance, slack
         As for :func:`agreement`.
 
     Returns
     -------
     array (input,)
         In the unit of each input; infinite where the comparison does not see it.
-
-    Examples
-    --------
-    >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
-    array([3.93])
     """
     root, count = _directions(np.asarray(covariance, float), slack)
     strength = np.linalg.norm(root @ np.asarray(sensitivities, float), axis=0)
@@ -138,18 +129,8 @@ def fitted_errors(differences: ArrayLike, sensitivities: ArrayLike, covariance: 
     """Return the error of each input alone that explains most of the differences.
 
     Generalised least squares gives e = s' C⁻¹ d / s' C⁻¹ s, which takes (s' C⁻¹ d)² / s' C⁻¹ s away from chi square
-    (Aitken, https://doi.org/10.1017/S0370164600014346).
-
-    Parameters
-    ----------
-    differences, sensitivities, covariance : array
-        As for :func:`agreement` and :func:`detectable`.
-
-    Returns
-    -------
-    errors, shares : array (input,)
-        By how much each input is stated too large, in its unit, and the share of chi square that this explains; 0 for
-        an input without effect.
+    (Aitken, https://doi.org/10.1017/S0370164600014346). Returned are, by input, by how much it is stated too large, in
+    its unit, and the share of chi square that this explains; 0 for an input without effect.
     """
     root, _ = _directions(np.asarray(covariance, float))
     seen, effects = root @ np.asarray(differences, float), root @ np.asarray(sensitivities, float)
@@ -161,22 +142,10 @@ def fitted_errors(differences: ArrayLike, sensitivities: ArrayLike, covariance: 
 def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Agreement | None:
     """Compare a curve with its model; None where no stretch is known with an uncertainty.
 
-    Parameters
-    ----------
-    difference, own : array (stretch,)
-        Means of measured minus model, and their standard uncertainties by noise, see :func:`stretches`.
-    effects : array (effect, stretch)
-        Changes of the means by one standard uncertainty of each input and calibration.
-
-    Raises
-    ------
-    InputError
-        Sizes differ.
-
-    Notes
-    -----
-    Sensitivities are good to some per cent: 5 % of the effects on a stretch, or of a difference that is larger,
-    is allowed for as slack (see :func:`agreement`) and adds no degree of freedom.
+    ``difference`` and ``own`` (stretch,) are means of measured minus model and their standard uncertainties by noise,
+    see :func:`stretches`; ``effects`` (effect, stretch) are the changes of the means by one standard uncertainty of
+    each input and calibration. Sensitivities are good to some per cent: 5 % of the effects on a stretch, or of a
+    difference that is larger, is slack (see :func:`agreement`). InputError where sizes differ.
     """
     d, u = np.asarray(difference, float), np.asarray(own, float)
     shared = np.asarray(effects, float).reshape(-1, d.size)
@@ -195,22 +164,9 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
 def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Floats]:
     """Return the means of a residual over stretches, and their standard uncertainties by its own noise.
 
-    Parameters
-    ----------
-    values : array (sample,)
-        Measured minus model.
-    places : sequence of array of int
-        Samples of each stretch, in order.
-
-    Returns
-    -------
-    means, u : array (stretch,)
-        NaN where a stretch has too few samples.
-
-    Notes
-    -----
-    Means of ten batches scatter about their parabola as noise does whose correlation is shorter than a batch; few
-    batches are allowed for by Student's distribution. A bend along a stretch is no noise.
+    ``values`` (sample,) are measured minus model, ``places`` the samples of each stretch, in order; NaN where there are
+    too few. Means of ten batches scatter about their parabola as noise does whose correlation is shorter than a batch;
+    few batches are allowed for by Student's distribution. A bend along a stretch is no noise.
     """
     x, found = np.asarray(values, float), list[tuple[float, float]]()
     for stretch in (x[place] for place in places):

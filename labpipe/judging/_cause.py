@@ -23,7 +23,7 @@ _SMALL = 1.1  # factor below which per cent say more
 _GROUPED = 1e4  # from which the digits of a number are grouped
 
 SLIPS = {
-    of: tuple(k ** (1 - 2 * i) for k in factors for i in range(2))
+    of: (*factors, *(1.0 / k for k in factors))
     for of, factors in {
         "value": (2.0, 10.0, 100.0, 1e3, 25.4, 2 * pi),
         "size": (2.0, 10.0, 100.0, 1e3, 25.4),
@@ -69,9 +69,8 @@ class Cause:
 class Explanation(NamedTuple):
     """A cause with the factor that fits best.
 
-    ``factor``: by which the input is too large; ``checks``: names of those that it moves; ``score``: minus twice the
-    logarithm of its likelihood, less for a usual factor; ``n_u``: size of the error in stated standard uncertainties, 0
-    for a usual factor.
+    ``factor``: by which the input is too large; ``checks``: that it moves; ``score``: minus twice the logarithm of its
+    likelihood, less for a usual factor; ``n_u``: error in stated standard uncertainties, 0 for a usual factor.
     """
 
     cause: Cause
@@ -97,11 +96,8 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
 
     Checks that are right count as well: a cause that would move them is the less likely for it.
     """
-    rows = [
-        (c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR))
-        for c in checks
-        if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)
-    ]
+    known = [c for c in checks if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)]
+    rows = [(c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR)) for c in known]
     wrong, found = {c.name for c in checks if c.level}, []
     for cause in causes:
         if not any(cause.effects.get(name) for name in wrong):
@@ -150,13 +146,7 @@ def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[
 
 
 def too_large(factor: float) -> str:
-    """Say by how much something is too large or too small.
-
-    Examples
-    --------
-    >>> too_large(1000.0), too_large(0.5), too_large(0.9996)
-    ('1000 times too large', 'too small by a factor of 2', '0.04 % too small')
-    """
+    """Say by how much something is too large or too small: '1000 times too large', '0.04 % too small'."""
     if 1 / _SMALL < factor < _SMALL:
         return f"{in_words(100.0 * abs(factor - 1.0), 2)} % too {'large' if factor >= 1.0 else 'small'}"
     times = in_words(max(factor, 1.0 / factor), 4)
@@ -164,12 +154,6 @@ def too_large(factor: float) -> str:
 
 
 def in_words(factor: float, digits: int = 3) -> str:
-    """Write a factor with so many digits and without an exponent.
-
-    Examples
-    --------
-    >>> in_words(210.3, 2), in_words(1e6), in_words(0.00012345), in_words(2.0)
-    ('210', '1,000,000', '0.000123', '2')
-    """
+    """Write a factor with so many digits and without an exponent: 1e6 as '1,000,000'."""
     rounded = float(f"{factor:.{digits}g}")
     return f"{rounded:,.0f}" if abs(rounded) >= _GROUPED else np.format_float_positional(rounded, trim="-")

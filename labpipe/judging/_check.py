@@ -1,11 +1,8 @@
-"""Checks of a record: two ways to the same quantity, or a quantity against a law.
-
-It is evaluated for every recording, or every value that an experiment states, and is one row of a page.
-"""
+"""Checks of a record: two ways to the same quantity, or a quantity against a law."""
 
 from dataclasses import KW_ONLY, dataclass
 from math import hypot, inf, isfinite, log, nan
-from typing import Literal, NamedTuple, TypedDict, Unpack
+from typing import Any, Literal, NamedTuple
 
 Level = Literal["impossible", "doubtful", "note"]
 """Severity of a finding."""
@@ -14,12 +11,9 @@ WEIGHT: dict[Level | None, int] = {None: 0, "note": 1, "doubtful": 2, "impossibl
 FLAGS = {"yes": 1, "unknown": 2, "doubtful": 3, "impossible": 4}
 """Verdicts as the primary flags of QARTOD, for exported netCDF (``flag_values``)."""
 
-IMPOSSIBLE = 10.0
-"""Standard uncertainties beyond which two ways to one quantity contradict each other."""
-DOUBTFUL = 4.0
-"""Standard uncertainties beyond which they are doubtful: once in 16,000 by chance."""
-BROKEN = 5.0
-"""Standard uncertainties by which a law without exceptions must be broken to be broken."""
+IMPOSSIBLE, DOUBTFUL, BROKEN = 10.0, 4.0, 5.0
+"""Standard uncertainties beyond which two ways to one quantity contradict each other, beyond which they are doubtful
+(once in 16,000 by chance), and by which a law without exceptions must be broken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,29 +42,17 @@ class Finding:
         return f"{where}: {self.value}" if self.value else where
 
 
-class Place(TypedDict, total=False):
-    """Place and cause, as in :class:`Finding`."""
-
-    cause: str
-    file: str
-    line: int | None
-    setting: str
-    is_generic: bool
-    recording: str
-
-
 @dataclass(frozen=True, slots=True)
 class Check:
     """A check of one recording or of one stated value, with its result.
 
     ``name`` is the compared quantity, to which causes refer; ``message`` gives the observed and the expected value;
-    ``level`` is None where nothing is wrong. ``margin`` is the difference in units of its standard uncertainty (NaN
-    where that has no meaning, as within a limit), ``log_ratio`` the natural logarithm of observed over expected, by
-    which causes are distinguished (NaN where a factor would explain nothing). ``needs`` is the statement or recording
-    that is missing, empty when the evaluation was made. ``cause``, ``file``, ``line`` and ``setting`` are as in
-    :class:`Finding`, where the check itself knows them. ``title`` is the check that it belongs to, its name by
-    default; ``recording`` was evaluated, empty for a value of the settings. ``is_generic`` is True where a processing
-    step failed: a finding about the record itself explains it better.
+    ``level`` is None where nothing is wrong. ``margin`` is the difference in units of its standard uncertainty,
+    ``log_ratio`` the natural logarithm of observed over expected, by which causes are distinguished; NaN where either
+    has no meaning. ``needs`` is the statement or recording that is missing. ``cause``, ``file``, ``line`` and
+    ``setting`` are as in :class:`Finding`, where the check itself knows them. ``title`` is the check that it belongs
+    to, its name by default; ``recording`` was evaluated, empty for a value of the settings. ``is_generic`` is True
+    where a processing step failed: a finding about the record itself explains it better.
     """
 
     name: str
@@ -114,23 +96,17 @@ class CheckSummary(NamedTuple):
     @property
     def worst(self) -> Check:
         """The gravest evaluation; of those that are equally grave the one with the largest margin."""
-        return max(
-            self.evaluations, key=lambda e: (WEIGHT[e.level], e.is_made, abs(e.margin) if isfinite(e.margin) else 0)
-        )
-
-    @property
-    def level(self) -> Level | None:
-        """Level of the worst evaluation."""
-        return self.worst.level
+        sizes = ((WEIGHT[e.level], e.is_made, abs(e.margin) if isfinite(e.margin) else 0) for e in self.evaluations)
+        return max(zip(sizes, self.evaluations, strict=True), key=lambda pair: pair[0])[1]
 
     @property
     def summary(self) -> str:
         """Result over all recordings, ``"passed in 2 of 2 recordings, worst margin 1.2 u"``."""
         made = [e for e in self.evaluations if e.is_made]
         if not made:
-            return self.level or "not made"
+            return self.worst.level or "not made"
         failed = [e for e in made if WEIGHT[e.level] > 1]
-        text, noun, wrong, count = str(self.level) if failed else "passed", "evaluations", len(failed), len(made)
+        text, noun, wrong, count = str(self.worst.level) if failed else "passed", "evaluations", len(failed), len(made)
         if places := {e.recording for e in made if e.recording}:
             noun, wrong, count = "recordings", len({e.recording for e in failed}), len(places)
         if count > 1:
@@ -152,7 +128,7 @@ def compared(
     *,
     allowance: float = 0.0,
     factor: bool = True,
-    **place: Unpack[Place],
+    **place: Any,
 ) -> Check:
     """Compare two ways to the same quantity: impossible beyond 10 u and the allowance, doubtful beyond 4 u.
 
@@ -166,18 +142,14 @@ def compared(
         Largest systematic effect that the kind of experiment knows (such as drag), in the same unit.
     factor : bool
         Whether a wrong factor could explain a difference.
-
-    Examples
-    --------
-    >>> compared("acceleration", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
-    'impossible'
     """
     u = hypot(u_seen, u_expected)
     if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
         return not_made(name, "finite values with uncertainties")
-    margin, level = (seen - expected) / u, None
-    if abs(seen - expected) > allowance:
-        level = _level(abs(margin), IMPOSSIBLE, "impossible")
+    margin = (seen - expected) / u
+    level: Level | None = None
+    if abs(seen - expected) > max(allowance, DOUBTFUL * u):
+        level = "impossible" if abs(margin) > IMPOSSIBLE else "doubtful"
     if not factor or seen * expected <= 0.0:
         return Check(name, message, level, margin, **place)
     u_ratio = hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected)
@@ -193,34 +165,22 @@ def bounded(
     at_least: float = -inf,
     at_most: float = inf,
     is_law: bool = True,
-    **place: Unpack[Place],
+    **place: Any,
 ) -> Check:
     """Compare a quantity with a law without exception, such as 0 < e < 1.
 
-    Parameters
-    ----------
-    name, message, **place
-        See :class:`Check`.
-    value, u : float
-        With standard uncertainty, at least that of the noise.
-    at_least, at_most : float
-        Bounds of the law.
-    is_law : bool
-        False for a plausible range: beyond it a value is doubtful, never impossible.
-
-    Examples
-    --------
-    >>> bounded("restitution", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
-    'impossible'
+    ``u`` is at least that of the noise, ``place`` as in :class:`Check`. With ``is_law=False`` the bounds are those of a
+    plausible range: beyond it a value is doubtful, never impossible.
     """
     if not (isfinite(value) and isfinite(u)):
         return not_made(name, "a finite value with its uncertainty")
     beyond = max(at_least - value, value - at_most)
     margin = nan if beyond <= 0.0 else beyond / u if u else inf
-    return Check(name, message, _level(margin, BROKEN, "impossible" if is_law else "doubtful"), margin, **place)
+    level: Level | None = "impossible" if is_law and margin > BROKEN else "doubtful" if margin > DOUBTFUL else None
+    return Check(name, message, level, margin, **place)
 
 
-def stated(name: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
+def stated(name: str, message: str, level: Level | None, **place: Any) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
     return Check(name, message, level, **place)
 
@@ -228,7 +188,3 @@ def stated(name: str, message: str, level: Level | None, **place: Unpack[Place])
 def not_made(name: str, needs: str) -> Check:
     """Return a check that could not be made, with the statement or recording that it needs."""
     return Check(name, "", needs=needs)
-
-
-def _level(margin: float, most: float, worst: Level) -> Level | None:
-    return worst if margin > most else "doubtful" if margin > DOUBTFUL else None

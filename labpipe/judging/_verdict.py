@@ -50,7 +50,7 @@ class Judgement:
     @property
     def n_passed(self) -> int:
         """Number of checks without a finding other than notes."""
-        return sum(row.is_made and WEIGHT[row.level] < WEIGHT["doubtful"] for row in self.rows)
+        return sum(row.is_made and WEIGHT[row.worst.level] < WEIGHT["doubtful"] for row in self.rows)
 
 
 def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[str, str] | None = None) -> Judgement:
@@ -61,13 +61,11 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[s
     ranked = explain(checks, causes)
     explained = with_causes(checks, ranked)
     explained = [_specific(check, explained) if check.is_generic else check for check in explained]
-    levels = [c.level for c in checks if c.level is not None]
+    levels = {c.level for c in checks}
     believable: Verdict = "yes"
-    if "impossible" in levels:
-        believable = "impossible"
-    elif "doubtful" in levels:
-        believable = "doubtful"
-    elif not any(c.is_made for c in checks) or any(c.level is not None and not c.is_made for c in checks):
+    if grave := levels & {"impossible", "doubtful"}:
+        believable = "impossible" if "impossible" in grave else "doubtful"
+    elif not any(c.is_made for c in checks) or any(c.level and not c.is_made for c in checks):
         believable = "unknown"
     judged = Judgement(believable, tuple(explained), laws=laws or {})
     sentences = [e.sentence for e in ranked] + [f.cause for f in judged.findings if f.cause]
