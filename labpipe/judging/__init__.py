@@ -1,11 +1,7 @@
 """Verdicts on records: believability, agreement with a model, and the errors that a comparison could have shown.
 
-:func:`judge` makes one verdict of all checks of a record (:func:`compared`, :func:`bounded`, :func:`stated`,
-:func:`not_made`) and ranks the mistakes that would explain them (:class:`Cause`). :func:`agreement` compares measured
-with predicted values, with their whole covariance, :func:`along_curve` a curve in :func:`stretches`;
-:func:`detectable` and :func:`fitted_errors` give the error of each input that would have shown, and that would explain
-a difference. Levels follow QARTOD: pass, not evaluated, suspect, fail. Names are loaded when first used.
-The room holds the statistics of whole curves and of stated values beside those of single checks.
+:func:`judge` makes one verdict of all checks of a record and ranks the mistakes that would explain them. Levels follow
+QARTOD: pass, not evaluated, suspect, fail. :func:`agreement` compares measured with predicted values.
 """
 
 from typing import TYPE_CHECKING
@@ -28,7 +24,6 @@ if TYPE_CHECKING:
     from labpipe.judging._cause import (
         SLIPS as SLIPS,
         Cause as Cause,
-        Explanation as Explanation,
         explain as explain,
         in_words as in_words,
         too_large as too_large,
@@ -38,9 +33,7 @@ if TYPE_CHECKING:
         DOUBTFUL as DOUBTFUL,
         FLAGS as FLAGS,
         IMPOSSIBLE as IMPOSSIBLE,
-        WEIGHT as WEIGHT,
         Check as Check,
-        CheckSummary as CheckSummary,
         Finding as Finding,
         Level as Level,
         bounded as bounded,

@@ -1,10 +1,9 @@
 """Do measurement and model agree? Differences against their whole covariance.
 
-For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has
-independent directions (JCGM 102; generalised least squares). Calibrations and moduli that rows share are its
-elements off the diagonal, so that they count once. A variance that only allows for uncertain slopes is in C, but
-nothing is expected to scatter by it: with C0 for the rest, chi square is trace(C^-1 C0) on the average, and that
-many are its degrees of freedom.
+For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has independent
+directions (JCGM 102). Calibrations and moduli that rows share are its elements off the diagonal, so that they count
+once. Nothing is expected to scatter by slack, a variance that only allows for uncertain slopes: with C0 for the rest,
+chi square is trace(C^-1 C0) on the average.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,11 +20,13 @@ from labpipe.errors import InputError
 
 ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
-_SINGULAR = 1e-9
-"""Part of the largest variance (of correlations) below which a direction carries no information."""
-LIKELY, DIFFERS, _POWER = 0.05, 0.001, 0.95
-"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them;
-probability with which a detectable error is shown."""
+LIKELY, DIFFERS = 0.05, 0.001
+"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
+_POWER = 0.95  # probability with which a detectable error is shown
+_SINGULAR = 1e-9  # part of the largest variance (of correlations) below which a direction carries no information
+_OPEN = 0.05  # part of a shared uncertainty by which its effects may differ in shape from their sensitivities
+_BATCHES, _FEWEST = 10, 6  # batches of a stretch, and the fewest that show its scatter
+_TREND = 2  # degree: flights and relaxations that differ do so along arcs
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +45,7 @@ class Agreement:
 
 
 def _directions(covariance: Floats, slack: ArrayLike | None = None) -> tuple[Floats, float]:
-    """Return the independent directions of a covariance (row, row), and how many of them are expected to scatter.
-
-    An array (direction, row) turns differences into numbers whose variance is one at most; `slack` as for
-    :func:`agreement`.
-    """
+    """Return rows that turn differences into independent numbers of variance one, and how many of them scatter."""
     scale = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     kept = values > _SINGULAR * values.max()
@@ -62,16 +59,10 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
 
     Parameters
     ----------
-    differences : array (row,)
-        Measured minus predicted, in any unit per row.
-    covariance : array (row, row)
-        Of the differences, with uncertainties that rows share off the diagonal.
+    differences, covariance : array (row,), array (row, row)
+        Measured minus predicted, in any unit per row; uncertainties that rows share are off the diagonal.
     slack : array (row,), optional
-        Part of its diagonal that is allowed to a row, and not expected of it. Default: none.
-
-    Returns
-    -------
-    Agreement
+        Part of the diagonal that is allowed to a row, and not expected of it. Default: none.
 
     Raises
     ------
@@ -113,37 +104,24 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
 def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike | None = None) -> np.ndarray:
     """Return the smallest error of each input that the comparison would have shown, with 95 % probability.
 
-    An error e of an input shifts the differences by s e and makes chi square noncentral with
-    lambda = e^2 s' C^-1 s; it is shown when chi square exceeds its 95 % limit. Other inputs are
-    held at their uncertainty, which is in C.
+    An error e of an input shifts the differences by s e and makes chi square noncentral with lambda = e^2 s' C^-1 s;
+    it is shown when chi square exceeds its 95 % limit. Other inputs are held at their uncertainty, which is in C.
 
     Parameters
     ----------
     sensitivities : array (row, input)
         Derivatives of the differences (measured minus predicted) to each input.
-    covariance : array (row, row)
-        Of the differences.
-    slack : array (row,), optional
-        As for :func:`labpipe.judging.agreement`.
+    covariance, slack
+        As for :func:`agreement`.
 
     Returns
     -------
     array (input,)
         In the unit of each input; infinite where the comparison does not see it.
-
-    Examples
-    --------
-    >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
-    array([3.93])
     """
-    S = np.asarray(sensitivities, float)
-    C = np.atleast_2d(np.asarray(covariance, float))
-    if S.ndim == 1:
-        S = S[:, None]
-    root, count = _directions(C, slack)
-    strength = np.linalg.norm(root @ S, axis=0)
-    limit = special.chdtri(count, LIKELY)
-    noncentrality = special.chndtrinc(limit, count, 1.0 - _POWER)
+    root, count = _directions(np.asarray(covariance, float), slack)
+    strength = np.linalg.norm(root @ np.asarray(sensitivities, float), axis=0)
+    noncentrality = special.chndtrinc(special.chdtri(count, LIKELY), count, 1.0 - _POWER)
     return np.divide(np.sqrt(noncentrality), strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
@@ -151,75 +129,23 @@ def fitted_errors(differences: ArrayLike, sensitivities: ArrayLike, covariance: 
     """Return the error of each input alone that explains most of the differences.
 
     Generalised least squares gives e = s' C⁻¹ d / s' C⁻¹ s, which takes (s' C⁻¹ d)² / s' C⁻¹ s away from chi square
-    (Aitken, https://doi.org/10.1017/S0370164600014346).
-
-    Parameters
-    ----------
-    differences : array (row,)
-        Measured minus predicted.
-    sensitivities : array (row, input)
-        Derivatives of the differences to each input.
-    covariance : array (row, row)
-        Of the differences.
-
-    Returns
-    -------
-    errors, shares : array (input,)
-        By how much each input is stated too large, in its unit, and the share of chi square that this explains; 0 for
-        an input without effect.
-
-    Examples
-    --------
-    >>> errors, shares = fitted_errors([2.0, 2.0], [[1.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]])
-    >>> errors.round(1).tolist(), shares.round(1).tolist()
-    ([2.0, 2.0], [1.0, 0.5])
+    (Aitken, https://doi.org/10.1017/S0370164600014346). Returned are, by input, by how much it is stated too large, in
+    its unit, and the share of chi square that this explains; 0 for an input without effect.
     """
-    root, _ = _directions(np.atleast_2d(np.asarray(covariance, float)))
+    root, _ = _directions(np.asarray(covariance, float))
     seen, effects = root @ np.asarray(differences, float), root @ np.asarray(sensitivities, float)
     weight = np.sum(effects**2, axis=0)
     errors = np.divide(effects.T @ seen, weight, out=np.zeros_like(weight), where=weight > 0.0)
     return errors, errors**2 * weight / max(float(seen @ seen), np.finfo(float).tiny)
 
 
-_OPEN = 0.05
-"""Part of a shared uncertainty by which its effects may have another shape than their sensitivities say."""
-_BATCHES = 10
-_TREND = 2  # degree: flights and relaxations that differ do so along arcs
-_FEWEST = 6  # batches of a stretch from which its scatter can be told
-
-
 def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Agreement | None:
-    """Compare a curve with its model.
+    """Compare a curve with its model; None where no stretch is known with an uncertainty.
 
-    Parameters
-    ----------
-    difference : array (stretch,)
-        Means of measured minus model.
-    own : array (stretch,)
-        Their standard uncertainties by noise, see :func:`stretches`.
-    effects : array (effect, stretch)
-        Changes of the means by one standard uncertainty of each input and calibration.
-
-    Returns
-    -------
-    Agreement or None
-        None where no stretch is known with an uncertainty.
-
-    Raises
-    ------
-    InputError
-        Sizes differ.
-
-    Notes
-    -----
-    Sensitivities are good to some per cent: 5 % of the effects on a stretch, or of a difference that is larger,
-    is allowed for as slack (see :func:`labpipe.judging.agreement`) and adds no degree of freedom.
-
-    Examples
-    --------
-    >>> found = along_curve([0.3, -0.2], [0.2, 0.1], [])
-    >>> round(found.chi2, 2), found.degrees_of_freedom
-    (6.25, 2.0)
+    ``difference`` and ``own`` (stretch,) are means of measured minus model and their standard uncertainties by noise,
+    see :func:`stretches`; ``effects`` (effect, stretch) are the changes of the means by one standard uncertainty of
+    each input and calibration. Sensitivities are good to some per cent: 5 % of the effects on a stretch, or of a
+    difference that is larger, is slack (see :func:`agreement`). InputError where sizes differ.
     """
     d, u = np.asarray(difference, float), np.asarray(own, float)
     shared = np.asarray(effects, float).reshape(-1, d.size)
@@ -238,28 +164,9 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
 def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Floats]:
     """Return the means of a residual over stretches, and their standard uncertainties by its own noise.
 
-    Parameters
-    ----------
-    values : array (sample,)
-        Measured minus model.
-    places : sequence of array of int
-        Samples of each stretch, in order.
-
-    Returns
-    -------
-    means, u : array (stretch,)
-        NaN where a stretch has too few samples.
-
-    Notes
-    -----
-    Means of ten batches scatter about their parabola as the noise does whose memory is shorter than a
-    batch; few batches are allowed for by Student's distribution. A bend along a stretch is no noise.
-
-    Examples
-    --------
-    >>> means, u = stretches(np.arange(100.0), [np.arange(100)])
-    >>> float(means[0]), float(u[0])
-    (49.5, 0.0)
+    ``values`` (sample,) are measured minus model, ``places`` the samples of each stretch, in order; NaN where there are
+    too few. Means of ten batches scatter about their parabola as noise does whose correlation is shorter than a batch;
+    few batches are allowed for by Student's distribution. A bend along a stretch is no noise.
     """
     x, found = np.asarray(values, float), list[tuple[float, float]]()
     for stretch in (x[place] for place in places):

@@ -1,35 +1,29 @@
 """Mistakes that explain several checks at once.
 
-Most mistakes of a laboratory are factors: a wrong unit, interval, gain or angle moves several
-redundant quantities by known powers of one factor. For every candidate that factor is fitted to
-the logarithms of all checks (weighted least squares, one free parameter), and candidates are
-ranked by the chi square that they leave.
+Most mistakes of a laboratory are factors: a wrong unit, interval, gain or angle moves several redundant quantities by
+known powers of one factor. That factor is fitted to the logarithms of all checks, and causes are ranked by the chi
+square that they leave.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from math import exp, floor, hypot, inf, isfinite, log, log10, pi, sqrt
+from math import exp, hypot, inf, isfinite, log, pi, sqrt
 from typing import NamedTuple
+
+import numpy as np
 
 from labpipe.judging._check import IMPOSSIBLE, Check
 
-_FLOOR = 2e-3
-"""Least relative uncertainty of a check when causes are compared: the laws are that good."""
-_USUAL = 9.0
-"""Gain of a factor that people are known to get wrong (1000, 25.4, 2) over any other factor,
-in units of chi square."""
-_SLACK = 0.02
-"""Relative distance of a fitted factor from such a factor: other inputs may be off too."""
+_FLOOR = 2e-3  # least relative uncertainty of a check when causes are compared: the laws are that good
+_USUAL = 9.0  # gain in chi square of a factor that people are known to get wrong (1000, 25.4, 2) over any other
+_RIGHT = 2.0  # standard uncertainties by which a check is off that is right
+_ALIKE = 4.0  # difference in chi square up to which two causes cannot be distinguished
+_EXPLAINED = 0.1  # part of chi square that a cause may leave, where that is more, and still be named
 _SMALL = 1.1  # factor below which per cent say more
 _GROUPED = 1e4  # from which the digits of a number are grouped
-_RIGHT = 2.0  # standard uncertainties by which a check is off that is right
-_ALIKE = 4.0
-"""Difference in chi square up to which two causes cannot be distinguished."""
-_EXPLAINED = 0.1
-"""Part of chi square that a cause may leave, where that is more, and still be named as the cause."""
 
 SLIPS = {
-    of: tuple(k ** (1 - 2 * i) for k in factors for i in range(2))
+    of: (*factors, *(1.0 / k for k in factors))
     for of, factors in {
         "value": (2.0, 10.0, 100.0, 1e3, 25.4, 2 * pi),
         "size": (2.0, 10.0, 100.0, 1e3, 25.4),
@@ -41,11 +35,10 @@ SLIPS = {
         "view": (36.0,),
     }.items()
 }
-"""Factors, and their inverses, by which people state something wrongly, the one table of all kinds.
+"""Factors, and their inverses, by which people state something wrongly.
 
-A value: diameter for radius, decimals, units, a period for an angle, which no size is. A length: decimals, units,
-mil. A mass: its weight, decimals, units, pounds. An interval or a rate: the next settings of a controller. A view:
-another lens.
+A value: diameter for radius, decimals, units, a period for an angle, which no size is. A mass: its weight, decimals,
+units, pounds. An interval or a rate: the next settings of a controller. A view: another lens.
 """
 
 
@@ -53,28 +46,19 @@ another lens.
 class Cause:
     """A mistake that multiplies an input by a factor.
 
-    Attributes
-    ----------
-    effects : mapping of str to float
-        Power of the factor by which each check (seen over expected) moves; others do not move.
-    say : callable
-        Takes the factor and returns the sentence, such as ``"the sampling cycle is probably 100 µs, not 50 µs"``.
-    usual, only_usual : tuple of float, bool
-        Factors that the mistake usually has, empty when any is as likely; whether no other factor is this mistake.
-    slack : float
-        Relative difference of a factor, as it is found, from a usual one.
-    u : float
-        Relative standard uncertainty of the input as it is stated. A factor of more than ten of them is
-        possible only as a typing error, and comes after every other cause.
-    file, line, setting
-        The place, see :class:`Finding`.
+    ``effects`` are the powers of the factor by which checks (seen over expected) move; ``say`` takes the factor and
+    returns the sentence, such as ``"the sampling cycle is probably 100 µs, not 50 µs"``. ``usual`` are factors that the
+    mistake usually has, empty when any is as likely, from which a factor that is found may differ by ``slack``
+    (relative; other inputs may be off too); with ``only_usual`` no other factor is this mistake. ``u`` is the relative
+    standard uncertainty of the input as it is stated: a factor of more than ten of them comes after every other cause.
+    ``file``, ``line`` and ``setting`` are the place, see :class:`Finding`.
     """
 
     effects: Mapping[str, float]
     say: Callable[[float], str]
     usual: tuple[float, ...] = ()
     only_usual: bool = False
-    slack: float = _SLACK
+    slack: float = 0.02
     _: KW_ONLY
     u: float = inf
     file: str = ""
@@ -85,17 +69,15 @@ class Cause:
 class Explanation(NamedTuple):
     """A cause with the factor that fits best.
 
-    ``factor``: by which the input is too large; ``checks``: names of those that it moves; ``score``: minus twice the
-    logarithm of its likelihood, less for a usual factor, so that the least is the likeliest; ``share``: of chi square
-    that it explains; ``n_u``: size of the error in stated standard uncertainties, 0 for a usual factor.
+    ``factor``: by which the input is too large; ``checks``: that it moves; ``score``: minus twice the logarithm of its
+    likelihood, less for a usual factor; ``n_u``: error in stated standard uncertainties, 0 for a usual factor.
     """
 
     cause: Cause
     factor: float
     checks: tuple[str, ...]
     score: float
-    share: float
-    n_u: float = 0.0
+    n_u: float
 
     @property
     def is_last_resort(self) -> bool:
@@ -112,13 +94,10 @@ class Explanation(NamedTuple):
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
     """Rank the causes that explain nine tenths of the checks' chi square, the likeliest first.
 
-    Checks that are right count as well, by their logarithms: a cause that would move them is the less likely for it.
+    Checks that are right count as well: a cause that would move them is the less likely for it.
     """
-    rows = [
-        (c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR))
-        for c in checks
-        if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)
-    ]
+    known = [c for c in checks if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)]
+    rows = [(c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR)) for c in known]
     wrong, found = {c.name for c in checks if c.level}, []
     for cause in causes:
         if not any(cause.effects.get(name) for name in wrong):
@@ -142,16 +121,15 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         # a check that it does not move, and that is right, speaks neither for it nor against it
         if sum(z**2 for d, z in rest if d or abs(z) > _RIGHT) <= max(_EXPLAINED * before, _ALIKE):
             names = tuple(name for name, *_ in rows if cause.effects.get(name))
-            score, n_u = left - _USUAL * is_usual, 0.0 if is_usual else abs(place) / cause.u
-            found.append(Explanation(cause, exp(place), names, score, 1.0 - left / (before or 1.0), n_u))
+            n_u = 0.0 if is_usual else abs(place) / cause.u
+            found.append(Explanation(cause, exp(place), names, left - _USUAL * is_usual, n_u))
     return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
 
 
 def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:
-    """Return checks, those that fail and have no cause of their own with the likeliest that explains them.
+    """Return checks, those that fail and have no cause of their own with the likeliest of :func:`explain`.
 
-    `ranked` are the causes from :func:`explain`; those that explain as much are all given, with file, line and setting
-    of the first.
+    Causes that explain as much are all given, with file, line and setting of the first.
     """
     told = []
     for check in checks:
@@ -168,13 +146,7 @@ def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[
 
 
 def too_large(factor: float) -> str:
-    """Say by how much something is too large or too small.
-
-    Examples
-    --------
-    >>> too_large(1000.0), too_large(0.5), too_large(0.9996)
-    ('1000 times too large', 'too small by a factor of 2', '0.04 % too small')
-    """
+    """Say by how much something is too large or too small: '1000 times too large', '0.04 % too small'."""
     if 1 / _SMALL < factor < _SMALL:
         return f"{in_words(100.0 * abs(factor - 1.0), 2)} % too {'large' if factor >= 1.0 else 'small'}"
     times = in_words(max(factor, 1.0 / factor), 4)
@@ -182,16 +154,6 @@ def too_large(factor: float) -> str:
 
 
 def in_words(factor: float, digits: int = 3) -> str:
-    """Write a factor with so many digits and without an exponent.
-
-    Examples
-    --------
-    >>> in_words(210.3, 2), in_words(1e6), in_words(0.00012345), in_words(2.0)
-    ('210', '1,000,000', '0.000123', '2')
-    """
-    if not isfinite(factor) or factor == 0.0:
-        return f"{factor:g}"
+    """Write a factor with so many digits and without an exponent: 1e6 as '1,000,000'."""
     rounded = float(f"{factor:.{digits}g}")
-    decimals = max(digits - 1 - floor(log10(abs(rounded))), 0)
-    text = f"{rounded:,.{decimals}f}" if abs(rounded) >= _GROUPED else f"{rounded:.{decimals}f}"
-    return text.rstrip("0").rstrip(".") if decimals else text
+    return f"{rounded:,.0f}" if abs(rounded) >= _GROUPED else np.format_float_positional(rounded, trim="-")

@@ -1,12 +1,8 @@
-"""Checks of a record: two ways to the same quantity, or a quantity against a law.
-
-A check is one physical redundancy or one property of a record. It is evaluated once for every recording,
-or once for every value that an experiment states, and is one row of a page: the check with its evaluations.
-"""
+"""Checks of a record: two ways to the same quantity, or a quantity against a law."""
 
 from dataclasses import KW_ONLY, dataclass
 from math import hypot, inf, isfinite, log, nan
-from typing import Literal, NamedTuple, TypedDict, Unpack
+from typing import Any, Literal, NamedTuple
 
 Level = Literal["impossible", "doubtful", "note"]
 """Severity of a finding."""
@@ -15,24 +11,19 @@ WEIGHT: dict[Level | None, int] = {None: 0, "note": 1, "doubtful": 2, "impossibl
 FLAGS = {"yes": 1, "unknown": 2, "doubtful": 3, "impossible": 4}
 """Verdicts as the primary flags of QARTOD, for exported netCDF (``flag_values``)."""
 
-IMPOSSIBLE = 10.0
-"""Standard uncertainties beyond which two ways to one quantity contradict each other."""
-DOUBTFUL = 4.0
-"""Standard uncertainties beyond which they are doubtful: once in 16,000 by chance, so that the
-twenty checks of a record raise a false alarm in 0.1 % of cases where uncertainties are right."""
-BROKEN = 5.0
-"""Standard uncertainties by which a law without exceptions must be broken to be broken."""
+IMPOSSIBLE, DOUBTFUL, BROKEN = 10.0, 4.0, 5.0
+"""Standard uncertainties beyond which two ways to one quantity contradict each other, beyond which they are doubtful
+(once in 16,000 by chance), and by which a law without exceptions must be broken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
     """A fault of a record, its most likely cause, and where to look.
 
-    ``check`` names the check; ``message`` gives observation and expectation, with numbers; ``cause`` is the most likely
-    mistake, empty when nothing singles one out. ``file`` of the session to look at is relative to it, empty for
-    session.toml, with the ``line`` where it is known. ``setting`` is a dotted name in that file (``"sphere.radius"``;
-    of session.toml below the experiment), from which line and ``value``, its text, are found when the finding is
-    shown: lines move, names do not.
+    ``message`` gives observation and expectation, with numbers; ``cause`` is the most likely mistake, empty when
+    nothing singles one out. ``file`` is relative to the session, empty for session.toml. ``setting`` is a dotted name
+    in it (``"sphere.radius"``; of session.toml below the experiment), from which ``line`` and ``value``, its text, are
+    found when the finding is shown: lines move, names do not.
     """
 
     check: str
@@ -51,41 +42,17 @@ class Finding:
         return f"{where}: {self.value}" if self.value else where
 
 
-class Place(TypedDict, total=False):
-    """Place and cause, as in :class:`Finding`."""
-
-    cause: str
-    file: str
-    line: int | None
-    setting: str
-    is_generic: bool
-    recording: str
-
-
 @dataclass(frozen=True, slots=True)
 class Check:
     """A check of one recording or of one stated value, with its result.
 
-    Attributes
-    ----------
-    name, message : str
-        The compared quantity, to which causes refer, and the observed and the expected value.
-    level : "impossible", "doubtful", "note" or None
-        None where nothing is wrong.
-    margin : float
-        Difference in units of its standard uncertainty; NaN where that has no meaning, as within a limit.
-    log_ratio, u_log_ratio : float
-        Natural logarithm of observed over expected and its standard uncertainty, by which causes are distinguished;
-        NaN where a factor would explain nothing.
-    needs : str
-        Missing statement or recording; empty when the evaluation was made.
-    cause, file, line, setting
-        As in :class:`Finding`, where the check itself knows them; a passed evaluation has no cause.
-    title, recording : str
-        Check that it belongs to, and recording that was evaluated; empty for one that is named as the quantity, and for
-        a value of the settings.
-    is_generic : bool
-        A processing step failed; a finding about the record itself explains it better.
+    ``name`` is the compared quantity, to which causes refer; ``message`` gives the observed and the expected value;
+    ``level`` is None where nothing is wrong. ``margin`` is the difference in units of its standard uncertainty,
+    ``log_ratio`` the natural logarithm of observed over expected, by which causes are distinguished; NaN where either
+    has no meaning. ``needs`` is the statement or recording that is missing. ``cause``, ``file``, ``line`` and
+    ``setting`` are as in :class:`Finding`, where the check itself knows them. ``title`` is the check that it belongs
+    to, its name by default; ``recording`` was evaluated, empty for a value of the settings. ``is_generic`` is True
+    where a processing step failed: a finding about the record itself explains it better.
     """
 
     name: str
@@ -129,34 +96,26 @@ class CheckSummary(NamedTuple):
     @property
     def worst(self) -> Check:
         """The gravest evaluation; of those that are equally grave the one with the largest margin."""
-        return max(
-            self.evaluations, key=lambda e: (WEIGHT[e.level], e.is_made, abs(e.margin) if isfinite(e.margin) else 0)
-        )
-
-    @property
-    def level(self) -> Level | None:
-        """Level of the worst evaluation."""
-        return self.worst.level
+        sizes = ((WEIGHT[e.level], e.is_made, abs(e.margin) if isfinite(e.margin) else 0) for e in self.evaluations)
+        return max(zip(sizes, self.evaluations, strict=True), key=lambda pair: pair[0])[1]
 
     @property
     def summary(self) -> str:
         """Result over all recordings, ``"passed in 2 of 2 recordings, worst margin 1.2 u"``."""
         made = [e for e in self.evaluations if e.is_made]
         if not made:
-            return self.level or "not made"
+            return self.worst.level or "not made"
         failed = [e for e in made if WEIGHT[e.level] > 1]
-        noun, wrong, count = "evaluations", len(failed), len(made)
-        text = f"{self.level}" if failed else "passed"
+        text, noun, wrong, count = str(self.worst.level) if failed else "passed", "evaluations", len(failed), len(made)
         if places := {e.recording for e in made if e.recording}:
             noun, wrong, count = "recordings", len({e.recording for e in failed}), len(places)
         if count > 1:
-            text = f"{text} in {wrong if failed else count} of {count} {noun}"
-        margins = [abs(e.margin) for e in made if isfinite(e.margin)]
-        if not margins:
-            return f"{text}"
+            text += f" in {wrong if failed else count} of {count} {noun}"
+        worst = max((abs(e.margin) for e in made if isfinite(e.margin)), default=nan)
+        if worst >= 0.0:
+            text += f", worst margin {worst:.1f} u"
         # a passed comparison may differ by more where a systematic effect is allowed for
-        allowed = " within the known systematic effects" if not failed and max(margins) > DOUBTFUL else ""
-        return f"{text}, worst margin {max(margins):.1f} u{allowed}"
+        return text + " within the known systematic effects" * (worst > DOUBTFUL and not failed)
 
 
 def compared(
@@ -169,7 +128,7 @@ def compared(
     *,
     allowance: float = 0.0,
     factor: bool = True,
-    **place: Unpack[Place],
+    **place: Any,
 ) -> Check:
     """Compare two ways to the same quantity: impossible beyond 10 u and the allowance, doubtful beyond 4 u.
 
@@ -177,24 +136,20 @@ def compared(
     ----------
     name, message, **place
         See :class:`Check`.
-    seen, expected, u_seen, u_expected : float
+    seen, u_seen, expected, u_expected : float
         In one unit; standard uncertainties without contributions that both share.
     allowance : float
         Largest systematic effect that the kind of experiment knows (such as drag), in the same unit.
     factor : bool
         Whether a wrong factor could explain a difference.
-
-    Examples
-    --------
-    >>> compared("acceleration", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
-    'impossible'
     """
     u = hypot(u_seen, u_expected)
     if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
         return not_made(name, "finite values with uncertainties")
-    margin, level = (seen - expected) / u, None
-    if abs(seen - expected) > allowance:
-        level = _level(abs(margin), IMPOSSIBLE, "impossible")
+    margin = (seen - expected) / u
+    level: Level | None = None
+    if abs(seen - expected) > max(allowance, DOUBTFUL * u):
+        level = "impossible" if abs(margin) > IMPOSSIBLE else "doubtful"
     if not factor or seen * expected <= 0.0:
         return Check(name, message, level, margin, **place)
     u_ratio = hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected)
@@ -210,38 +165,22 @@ def bounded(
     at_least: float = -inf,
     at_most: float = inf,
     is_law: bool = True,
-    **place: Unpack[Place],
+    **place: Any,
 ) -> Check:
     """Compare a quantity with a law without exception, such as 0 < e < 1.
 
-    Parameters
-    ----------
-    name, message, **place
-        See :class:`Check`.
-    value, u : float
-        With standard uncertainty, at least that of the noise.
-    at_least, at_most : float
-        The law.
-    is_law : bool
-        False for a plausible range: beyond it a value is doubtful, never impossible.
-
-    Examples
-    --------
-    >>> bounded("restitution", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
-    'impossible'
+    ``u`` is at least that of the noise, ``place`` as in :class:`Check`. With ``is_law=False`` the bounds are those of a
+    plausible range: beyond it a value is doubtful, never impossible.
     """
     if not (isfinite(value) and isfinite(u)):
         return not_made(name, "a finite value with its uncertainty")
     beyond = max(at_least - value, value - at_most)
     margin = nan if beyond <= 0.0 else beyond / u if u else inf
-    return Check(name, message, _level(margin, BROKEN, "impossible" if is_law else "doubtful"), margin, **place)
+    level: Level | None = "impossible" if is_law and margin > BROKEN else "doubtful" if margin > DOUBTFUL else None
+    return Check(name, message, level, margin, **place)
 
 
-def _level(margin: float, most: float, worst: Level) -> Level | None:
-    return worst if margin > most else "doubtful" if margin > DOUBTFUL else None
-
-
-def stated(name: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
+def stated(name: str, message: str, level: Level | None, **place: Any) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
     return Check(name, message, level, **place)
 

@@ -17,9 +17,8 @@ class Judgement:
     """Verdict on a record.
 
     ``believable`` is unknown when no check could be made, or when nothing was found by a run that did not get through;
-    ``checks`` are those of every recording and stated value, also those that could not be made; ``causes`` are
-    possible ones of the findings, the likeliest first; ``laws`` are sentences by the title of a check, in the order of
-    the page.
+    ``checks`` are those of every recording and stated value; ``causes`` are possible ones of the findings, the
+    likeliest first; ``laws`` are sentences by the title of a check, in the order of the page.
     """
 
     believable: Verdict
@@ -51,30 +50,26 @@ class Judgement:
     @property
     def n_passed(self) -> int:
         """Number of checks without a finding other than notes."""
-        return sum(row.is_made and WEIGHT[row.level] < WEIGHT["doubtful"] for row in self.rows)
+        return sum(row.is_made and WEIGHT[row.worst.level] < WEIGHT["doubtful"] for row in self.rows)
 
 
 def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[str, str] | None = None) -> Judgement:
     """Derive the verdict on a record from all its checks; `laws` as in :class:`Judgement`.
 
-    `causes` are mistakes that would explain several checks at once: the likeliest one is given with every finding that
-    it explains, with its file and line.
+    `causes` are mistakes that would explain several checks at once: each finding has the likeliest one, with its place.
     """
     ranked = explain(checks, causes)
     explained = with_causes(checks, ranked)
     explained = [_specific(check, explained) if check.is_generic else check for check in explained]
-    levels = [c.level for c in checks if c.level is not None]
+    levels = {c.level for c in checks}
     believable: Verdict = "yes"
-    if "impossible" in levels:
-        believable = "impossible"
-    elif "doubtful" in levels:
-        believable = "doubtful"
-    elif not any(c.is_made for c in checks) or any(c.level is not None and not c.is_made for c in checks):
+    if grave := levels & {"impossible", "doubtful"}:
+        believable = "impossible" if "impossible" in grave else "doubtful"
+    elif not any(c.is_made for c in checks) or any(c.level and not c.is_made for c in checks):
         believable = "unknown"
     judged = Judgement(believable, tuple(explained), laws=laws or {})
-    own = [f.cause for f in judged.findings if f.cause]
-    sentences = dict.fromkeys([*(e.sentence for e in ranked), *own])
-    return Judgement(believable, judged.checks, tuple(sentences), judged.laws)
+    sentences = [e.sentence for e in ranked] + [f.cause for f in judged.findings if f.cause]
+    return replace(judged, causes=tuple(dict.fromkeys(sentences)))
 
 
 def _order(check: Check) -> tuple[bool, bool, int]:
@@ -101,9 +96,7 @@ def _specific(failed: Check, checks: Sequence[Check]) -> Check:
 
 def to_json(judgement: Judgement) -> str:
     """Return a judgement as JSON text, for the attribute of a stored result."""
-    rows = [asdict(check) for check in judgement.checks]
-    document = {"believable": judgement.believable, "causes": judgement.causes, "checks": rows}
-    return json.dumps(document | {"laws": dict(judgement.laws)}, ensure_ascii=False)
+    return json.dumps(asdict(judgement), ensure_ascii=False)
 
 
 def from_json(text: str) -> Judgement:

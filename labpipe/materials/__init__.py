@@ -1,8 +1,4 @@
-"""Linear viscoelastic materials: Prony series, interconversion, master curves, library.
-
-Relaxation and creep tests as sweeps, the uncertainty of a master curve as solids for predictions, and the input of
-four simulation codes need the lines beyond the budget of this room.
-"""
+"""Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from typing import TYPE_CHECKING
 

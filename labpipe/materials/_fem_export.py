@@ -110,21 +110,15 @@ def make_deck(
         At T_ref.
     window : (float, float) [Hz]
         Lowest and highest frequency that was covered.
-    T_ref : float [degC]
-        Reference temperature.
-    name : str
-        Of the material.
-    law : ShiftLaw, optional
-        The shift law about T_ref.
-    shifts : (array, array)
-        Temperatures [degC] and log10 a_T as measured.
-    b_T : array
-        Vertical factors, which no code takes.
+    T_ref, law : float [degC], ShiftLaw
+        Reference temperature, and the shift law about it.
+    shifts, b_T : (array, array), array
+        Temperatures [degC] and log10 a_T as measured; vertical factors, which no code takes.
     bulk : {"constant", "relaxing", "incompressible"}, optional
         Behaviour of the bulk modulus; by default Poisson's ratio is constant, and at ν = 0.5 the
         material incompressible.
     measured : {"tension", "shear"}
-        The modulus that was measured; it is the one that stays as it is.
+        The modulus that was measured, which stays as it is.
 
     Raises
     ------

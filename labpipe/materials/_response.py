@@ -42,8 +42,7 @@ def respond(solid: Prony, time: ArrayLike, strain: ArrayLike) -> xr.Dataset:
     Raises
     ------
     InputError
-        The histories do not fit, are not finite, or time falls; or the solid has a dashpot in
-        parallel, whose stress follows the rate and jumps with it.
+        The histories do not fit, are not finite, or time falls; or the solid has a dashpot in parallel.
 
     Examples
     --------

@@ -37,16 +37,9 @@ _HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty o
 class ShiftLaw:
     """One law with its parameters, their covariance, and how well it holds.
 
-    Attributes
-    ----------
-    name : {"wlf", "arrhenius"}
-    T_ref : float [degC]
-    parameters : tuple of float
-        WLF: slope m (1/K) and curvature q (1/K). Arrhenius: activation energy (J/mol).
-    covariance : array (parameter, parameter)
-    chi_square, freedom : float, int
-        Squared deviations of the free shifts from the law over their covariance, and how many
-        degrees of freedom they have; a ratio far above one says that the law does not hold.
+    ``parameters`` are slope m (1/K) and curvature q (1/K) of a WLF law about ``T_ref`` [degC], the activation energy
+    (J/mol) of Arrhenius' law. ``chi_square`` are the squared deviations of the free shifts over their covariance, with
+    ``freedom`` degrees of freedom; a ratio far above one says that the law does not hold.
     """
 
     name: LawName

@@ -15,14 +15,9 @@ def form_factor(
     Parameters
     ----------
     mode : {"tension", "bending", "torsion"}
-        Bending is between supports, ``length`` apart, by a force in the middle; of other clamps the
-        factor is another, the ratio of two such factors is not.
-    length : float [m]
-        Between the clamps.
-    width, thickness : float [m]
-        Of a rectangular bar; the force of bending is along the thickness.
-    diameter : float [m]
-        Of a round one.
+        Bending is between supports, ``length`` apart, by a force in the middle.
+    length, width, thickness, diameter : float [m]
+        Between the clamps; of a rectangular bar, bent along its thickness, or of a round one.
 
     Returns
     -------

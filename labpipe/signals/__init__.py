@@ -1,8 +1,4 @@
-"""Signals in time: derivative, events, oscillation, alignment, repeats, metrics.
-
-The fit of each impact with the prior of its pulse, coloured noise and a light plate, the hum of the mains between
-flights, and the compiled band solver that keeps the spline within a few filters' time need most of the lines.
-"""
+"""Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
 
 from typing import TYPE_CHECKING
 

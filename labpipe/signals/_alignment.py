@@ -27,22 +27,19 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     Returns
     -------
     Dataset
-        Over ``time`` (from the first to the last moment that any repeat covers, at the finest
-        interval of the repeats) and ``repeat``: the quantity, NaN outside a record;
-        ``<name>_mean``, ``<name>_sd`` over ``time``; ``n`` repeats over ``time``;
-        ``is_outlier`` over ``repeat``: flagged, never left out of mean or band.
+        Over ``time`` (from the first to the last moment that any repeat covers, at the finest interval) and ``repeat``:
+        the quantity, NaN outside a record; over ``time`` ``<name>_mean``, ``<name>_sd`` and the number ``n`` of
+        repeats; ``is_outlier`` over ``repeat``: flagged, never left out of mean or band.
 
     Raises
     ------
     InputError
-        There are no records, names, units or counts differ, times do not increase, or a value is
-        infinite.
+        There are no records, names, units or counts differ, times do not increase, or a value is infinite.
 
     Notes
     -----
-    A repeat is an outlier when its root-mean-square distance from the median curve is more than
-    five robust standard deviations above that of the others; with fewer than four repeats nothing
-    is flagged. Records are interpolated linearly.
+    A repeat is an outlier when its root-mean-square distance from the median curve is more than five robust standard
+    deviations above that of the others; with fewer than four none is flagged. Records are interpolated linearly.
     """
     starts = np.asarray(starts, float)
     if len(records) == 0 or len(records) != starts.size:
@@ -62,10 +59,8 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     interval = min(float(np.median(np.diff(t))) for t in own)
     first, last = min(float(t[0]) for t in own), max(float(t[-1]) for t in own)
     if not last - first <= 20_000_000 * interval:  # a thousand times a long record, and still in memory
-        raise InputError(
-            f"{last - first:.3g} s at the finest interval of {interval:.3g} s are more than 20000000 samples; give all "
-            "records their times in s"
-        )
+        text = f"{last - first:.3g} s at the finest interval of {interval:.3g} s are more than 20000000 samples"
+        raise InputError(f"{text}; give all records their times in s")
     time = interval * np.arange(np.ceil(first / interval - _ROUNDING), np.floor(last / interval + _ROUNDING) + 1)
     values = np.empty((len(own), len(time)))
     for row, t, record in zip(values, own, records, strict=True):
@@ -76,7 +71,6 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     spread = np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1)
     sd = np.where(n > 1, np.sqrt(spread), np.nan)
     label = records[0].attrs.get("long_name", str(name))
-
     return xr.Dataset(
         {
             str(name): variable(("repeat", "time"), values, str(units), label),

@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
 from labpipe.signals._bounces import TOGETHER, fitted
 from labpipe.signals._impact_fit import LABELS, OUTPUTS
 from labpipe.signals._noise_spectrum import WHITE
@@ -27,9 +26,8 @@ def as_fitted(
 ) -> xr.Dataset:
     """Return the result of :func:`labpipe.signals.bounces` for a motion without noise.
 
-    A fit that knows the shape of a contact's pulse only as that of polymers in general errs by how far
-    this solid's departs from it. In a simulation of the solid it errs by the same: a measurement is compared
-    with this, and the shape is then in the uncertainty of neither.
+    A fit that knows the shape of a contact's pulse only as that of polymers in general errs by the same in a record and
+    in a simulation of the solid: where they are compared, the shape is in the uncertainty of neither.
 
     Parameters
     ----------
@@ -39,29 +37,18 @@ def as_fitted(
         Of the simulation, one more than asked for where it goes on; a touch without lift-off has no duration (NaN).
     count : int
         Impacts from the first on that are wanted.
-    noise : float [m]
-        Standard deviation of the record's white noise, which weighs the samples against the
-        shape that the fit expects.
-    gravity, u_gravity : float [m/s2]
-        Of the simulation, and its uncertainty in the record.
+    noise, gravity, u_gravity : float [m, m/s2]
+        The record's white noise, which weighs the samples against the expected shape; the simulation's acceleration,
+        and its uncertainty in the record.
     contact, floor
         As the record was analysed.
 
     Returns
     -------
     Dataset
-        Over ``impact``: ``restitution``, ``contact_duration`` [s], ``incoming_speed`` [m/s] and
-        ``penetration`` [m]; NaN where the simulation ends within the contact, or the fit
-        finds another one.
-
-    Raises
-    ------
-    InputError
-        The noise is not positive.
-
+        Over ``impact`` the quantities that are compared together, such as ``restitution``; NaN where the simulation
+        ends within the contact, or the fit finds another one.
     """
-    if not noise > 0.0:
-        raise InputError(f"noise = {noise} m: expected the positive standard deviation of the record's noise")
     time, height = displacement["time"].values, displacement.values
     ends = np.searchsorted(time, np.append(touch_time[1:], np.inf))
     turns = [

@@ -17,7 +17,7 @@ from labpipe.signals._derivative import checked_record
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import LABELS, OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import Colour, corner_in_flight, excess_of_rate
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -39,8 +39,7 @@ from labpipe.variables import variable, with_u
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Phases of a drop, in their order."""
 
-LONGEST_ARC = 12e-3
-"""Flight [s] used on either side of an impact; longer adds less than the pulse costs."""
+LONGEST_ARC = 12e-3  # of flight used on either side of an impact, s; longer adds less than the pulse costs
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _ENDS = 4  # readings at either end of a record that do not show which way it falls
@@ -48,19 +47,10 @@ _LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
-_SHARED = (
-    "touch_time",
-    "liftoff_time",
-    "incoming_speed",
-    "outgoing_speed",
-    "restitution",
-    "contact_duration",
-    "penetration",
-)
-"""Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
-
 TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
 """Quantities of an impact that are compared together: the part of their errors in common is stated with its sign."""
+_SHARED = (*TOGETHER, "touch_time", "liftoff_time", "outgoing_speed")
+"""Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
 
 
 def bounces(
@@ -74,34 +64,24 @@ def bounces(
         Either direction, any offset. NaN samples are left out. An attribute ``hum`` of the Dataset
         says which hum was taken out of it already; it is found again with the flights.
     contact : {"any", "polymer"}
-        Prior knowledge of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
-        ``"polymer"`` (a solid with a broad relaxation spectrum, such as acrylic, PEEK, nylon or
-        PTFE) halves the uncertainties; ``"any"`` also covers bodies with one relaxation time and
-        losses proportional to velocity.
+        Prior knowledge of the force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`. ``"polymer"`` (a broad
+        relaxation spectrum, such as acrylic, PEEK, nylon or PTFE) halves the uncertainties; ``"any"`` also covers
+        bodies with one relaxation time and losses proportional to velocity.
     floor : Floor, optional
         The plate under the contact, which takes and bends its part of each pulse. Default: any.
 
     Returns
     -------
     Dataset
-        Over ``impact`` (numbered from 1), each with its ``u_``: ``touch_time``, ``liftoff_time``,
-        ``contact_duration`` [s]; ``incoming_speed``, ``outgoing_speed`` [m/s, positive];
-        ``restitution`` [1]; ``touch_level``, ``liftoff_level``, ``deepest_level`` [m, in the
-        record's own direction and zero]; ``penetration`` [m, positive]; ``peak_acceleration``
-        [m/s2]; ``apex_time`` [s] and ``apex_height`` [m] of the flight that follows;
-        and ``chi_square`` [1] of each fit. Times, speeds and restitution also have a
-        ``shared_u_``: the part of their ``u_`` that the unknown shape of the pulse brings about,
-        which drops of the same body share, so that a mean over repeats keeps it. ``common_`` of
-        restitution, duration, incoming speed and penetration (impact, ``unknown``): the change by one deviation
-        of each unknown of the pulse's shape, then of the impact's own noise, with its sign.
-        Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when
-        the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
-        ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
-        which no flight can be resolved. Attributes: ``direction`` (+1 when larger displacement is
-        higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
-        more than twice as strong (0 when it is white), ``work``; where there is a hum of the mains,
-        ``hum`` (:meth:`labpipe.signals.Hum.to_text`), which was taken out before anything was
-        measured; its remainder is in every ``u_``.
+        Over ``impact`` (from 1), each with its ``u_``: the quantities of :data:`labpipe.signals._impact_fit.LABELS`,
+        levels in the record's own direction and zero. ``shared_u_`` of times, speeds and restitution is the part of
+        ``u_`` by the unknown shape of the pulse, which drops of the same body share; ``common_`` of those that are
+        compared together (impact, ``unknown``) the change by one deviation of each unknown of the shape, then of the
+        impact's own noise, with its sign. Scalars with ``u_``: ``release_time``, ``first_contact_time``,
+        ``rest_time`` [s] (NaN when the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
+        ``fall_acceleration`` [m/s2]; without, ``settling_time`` [s]: the last touch, after which no flight can be
+        resolved. Attributes: ``direction`` (+1 when larger displacement is higher), ``noise`` (m) of neighbouring
+        samples, ``work``; ``hum`` (:meth:`labpipe.signals.Hum.to_text`) where there is one, which was taken out first.
 
     Raises
     ------
@@ -111,26 +91,18 @@ def bounces(
     Warns
     -----
     UserWarning
-        The fall began before the record; the record ends before the body is at rest; a gap among
-        the readings hides a contact (its uncertainties then hold the gap).
+        The fall began before the record; the record ends before the body is at rest; a gap among the readings hides a
+        contact (its uncertainties then hold the gap).
 
     Notes
     -----
-    Touch and lift-off are where the contact force begins and ends. A later touch is lower than the
-    first (a dent is left), and lift-off is lower than touch. Speeds are read there, not where the
-    level is crossed. The record's scale (an inclined sensor, cos theta) multiplies all levels and
-    speeds of a record equally; it is not in the ``u_`` here, and it cancels exactly in
-    ``restitution`` and in all times.
+    Touch and lift-off are where the contact force begins and ends (thesis section 3.3, figure 3.13). A later touch is
+    lower than the first (a dent is left), and lift-off is lower than touch. A scale of the record (an inclined sensor)
+    multiplies all levels and speeds equally and is not in the ``u_`` here; it cancels in ``restitution`` and times.
 
     The uncertainties cover the unknown shape of the contact pulse (see :mod:`._impact_fit`). For standard linear
-    solids ``"polymer"`` states 1.9 times too little.
-
-    A bounce whose flight is too short to show its fall is not counted: at 1 µm and 20 kHz flights
-    of about 1.5 ms (3 µm high) are the shortest.
-
-    References
-    ----------
-    Thesis section 3.3 (phases of figure 3.13).
+    solids ``"polymer"`` states 1.9 times too little. A bounce whose flight is too short to show its fall is not
+    counted: at 1 µm and 20 kHz flights of about 1.5 ms (3 µm high) are the shortest.
     """
     if contact not in PRIORS:
         raise InputError(f'contact must be one of {", ".join(PRIORS)}; found "{contact}"')
@@ -193,7 +165,7 @@ def _measured(
         "band_solves": motion.fit.n_updates,
         "impact_evaluations": sum(impact.n_evaluations for impact in impacts),
     }
-    result.attrs = {"direction": direction, "noise": sigma, "noise_corner": colour.corner, "work": json.dumps(counts)}
+    result.attrs = {"direction": direction, "noise": sigma, "work": json.dumps(counts)}
     if hum is not None:
         result.attrs["hum"] = hum.to_text()
     return result
@@ -213,11 +185,10 @@ def _followed(time: Floats, values: Floats, sigma: float) -> _Motion:
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
-    (level, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
+    (speed, u_speed), (acceleration, u) = evaluate(fit, time, 1, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, (level, u_level), (speed, u_speed)))
     speed *= direction
     return _Motion(fit, direction, speed, u_speed, find_turns(time, speed, u_speed))
 
@@ -294,16 +265,14 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     for name, parts in zip(TOGETHER, np.moveaxis(common, 1, 0), strict=True):
         text = f"change of {LABELS[name][1]} by one deviation of each common unknown"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
-    chi_square = [impact.chi_square for impact in impacts]
-    found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
     return found
 
 
 def _in_common(impact: ImpactFit) -> Floats:
-    """Return the change by each common unknown of each of :data:`TOGETHER` (quantity, unknown) of one impact.
+    """Return the change of each of :data:`TOGETHER` by each common unknown (quantity, unknown) of one impact.
 
-    Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
-    symmetric root of the rest of the covariance, which is the same in all repeats.
+    Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the symmetric root of
+    the rest of the covariance.
     """
     rows = [OUTPUTS.index(name) for name in TOGETHER]
     by_shape = impact.by_shape[rows]

@@ -1,8 +1,7 @@
 """Velocity from displacement, with its uncertainty; the noise is estimated from the record.
 
-Three estimators: ``"spline"`` (default, see :mod:`._smoothing_spline`), ``"thesis"``
-(central differences and a moving average, thesis eq. 3.11-3.14) and ``"difference"`` (3.11-3.13
-alone).
+Three estimators: ``"spline"`` (see :mod:`._smoothing_spline`), ``"thesis"`` (central differences and a moving average,
+eq. 3.11-3.14) and ``"difference"`` (3.11-3.13 alone).
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from scipy import sparse
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
-from labpipe.signals._noise import Noise, deviation, estimate_noise
+from labpipe.signals._noise import Noise, estimate_noise
 from labpipe.signals._noise_spectrum import excess_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
@@ -29,9 +28,7 @@ from labpipe.variables import described
 
 Method = Literal["spline", "thesis", "difference"]
 
-THESIS_WINDOW = 5
-"""Span of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function."""
-
+THESIS_WINDOW = 5  # of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function
 _FEWEST_FOR_SPLINE = 12  # below, noise and motion cannot be distinguished
 
 
@@ -50,22 +47,18 @@ def velocity(
     Parameters
     ----------
     displacement : Dataset with ``displacement`` or DataArray, over time [m]
-        Coordinate ``time`` in s, strictly increasing, evenly spaced or not. NaN marks samples
-        that the instrument could not read; they are left out. Never modified. An attribute ``hum``
-        of the Dataset says which hum was taken out of it already.
+        Coordinate ``time`` in s, strictly increasing, evenly spaced or not; NaN is left out. An attribute ``hum`` of
+        the Dataset says which hum was taken out of it already.
     method : {"spline", "thesis", "difference"}
-        ``"spline"``: adaptive quintic smoothing spline. It finds impacts by itself.
-        ``"thesis"``: central differences inside, one-sided at the ends (3.11-3.13), then a moving
-        average of ``window`` samples that shortens symmetrically towards the ends (3.14).
-        ``"difference"``: without the moving average.
+        ``"spline"``: adaptive quintic smoothing spline, which finds impacts by itself. ``"thesis"``: central
+        differences, one-sided at the ends (3.11-3.13), then a moving average of ``window`` samples that shortens
+        symmetrically towards the ends (3.14). ``"difference"``: without the moving average.
     events : Dataset, optional
         Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, and touches and lift-offs
         are breaks.
-    breaks : array (k,), optional [s]
-        Spline only: times of touch and lift-off, where knots may break: the third derivative may
-        jump. A few per cent better than letting the spline find the contacts.
-    releases : array (k,), optional [s]
-        Spline only: times at which the acceleration itself may jump (a release, a hard stop).
+    breaks, releases : array (k,), optional [s]
+        Spline only: times of touch and lift-off, at which the third derivative may jump, and times at which the
+        acceleration itself may (a release, a hard stop).
     noise : float or text with a unit, optional [m]
         Standard deviation of the samples' white noise. Default: estimated from the record.
     window : int
@@ -74,18 +67,15 @@ def velocity(
     Returns
     -------
     DataArray (time,) [m/s]
-        Named ``velocity``, with the non-index coordinate ``u_velocity`` (time,) [m/s], the
-        standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
-        which the noise is correlated), ``quantisation`` (m); ``n_spikes`` (outliers given no weight); ``work`` (JSON
-        counts).
-        NaN where the displacement is NaN.
+        Named ``velocity``, with the coordinate ``u_velocity`` (time,) [m/s], the standard uncertainty; NaN where the
+        displacement is. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over which the noise is
+        correlated), ``quantisation`` (m); ``n_spikes`` (outliers given no weight); ``work`` (JSON counts).
 
     Raises
     ------
     InputError
-        No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit
-        than m, times that do not increase, fewer than two readings (12 for the spline), infinite values, a negative
-        noise, breaks that are not finite, or a window below 1 or longer than the record.
+        No displacement over increasing times in m, fewer than two readings (12 for the spline), infinite values, a
+        negative noise, breaks that are not finite, or a window below 1 or longer than the record.
 
     Warns
     -----
@@ -94,11 +84,10 @@ def velocity(
 
     Notes
     -----
-    For the spline ``u_velocity`` is the posterior standard deviation and includes the expected
-    smoothing error, and noise that is not white, such as flicker and hum, as far as the record has stretches of
-    rest or flight that show it. It cannot include motion that stays below the noise over its whole life, such
-    as the last, sub-noise cycles of a decaying vibration, nor the smoothing of a
-    computed curve by the spline itself: up to 3e-4 of the largest velocity where there is no noise. For the two
+    For the spline ``u_velocity`` is the posterior standard deviation and includes the expected smoothing error, and
+    noise that is not white as far as the record has stretches of rest or flight that show it. It cannot include motion
+    that stays below the noise over its whole life, such as the last cycles of a decaying vibration, nor the
+    smoothing of a computed curve: up to 1e-3 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
 
     Examples
@@ -133,7 +122,7 @@ def velocity(
                 'method="difference" and give the noise'
             )
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
-        v, u, known, attributes = _spline(t, y, known, noise is None, cuts)
+        v, u, attributes = _spline(t, y, known.sigma, cuts)
     elif method in ("thesis", "difference"):
         if method == "thesis" and not 1 <= window <= len(t):
             raise InputError(f"window must be from 1 to the {len(t)} readings; found {window}")
@@ -194,35 +183,22 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]]
-) -> tuple[Floats, Floats, Noise, dict[str, Any]]:
-    """Velocity, uncertainty, noise and attributes of the smoothing spline."""
-    if known.sigma <= 0.0:
+    t: Floats, y: Floats, sigma: float, cuts: tuple[list[float], list[float]]
+) -> tuple[Floats, Floats, dict[str, Any]]:
+    """Velocity, uncertainty and attributes of the smoothing spline."""
+    if sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
-        return np.zeros(len(t)), np.zeros(len(t)), known, {"n_spikes": 0, "work": json.dumps({"samples": len(t)})}
-    wild = outliers(y, t, noise=known.sigma)
+        return np.zeros(len(t)), np.zeros(len(t)), {"n_spikes": 0, "work": json.dumps({"samples": len(t)})}
+    wild = outliers(y, t, noise=sigma)
     n_spikes = int(wild.flags.sum())
     if n_spikes:
         warnings.warn(wild.message(t), UserWarning, stacklevel=3)
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
-    n_updates = 0
-    while True:
-        fit = smooth(t[kept], y[kept], known.sigma, *cuts)
-        (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
-        n_updates += fit.n_updates
-        if not may_refine or known.block > 1:
-            break
-        freedom, left = float(np.sum((u_level[kept] / fit.sigma) ** 2)), (y - level)[kept]
-        # The median leaves out the few samples around a jump that no spline follows.
-        found = deviation(left) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
-        found = max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
-        may_refine = False
-        if abs(np.log(found / known.sigma)) <= 0.1:
-            break
-        known = known._replace(sigma=found)
-    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], known.sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
-    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, known, {"n_spikes": n_spikes, "work": json.dumps(counts)}
+    fit = smooth(t[kept], y[kept], sigma, *cuts)
+    (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
+    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
+    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": fit.n_updates}
+    return v, u, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:

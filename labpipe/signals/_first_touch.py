@@ -16,10 +16,8 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> float:
 
     Parameters
     ----------
-    position : array (n,) [m]
-        Of a slow approach, growing towards the sample; NaN is left out, here and in the force.
-    force : array (n,) [N]
-        Compression positive, any offset.
+    position, force : array (n,) [m, N]
+        Of a slow approach, growing towards the sample, compression positive at any offset; NaN is left out.
 
     Returns
     -------
@@ -33,14 +31,7 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> float:
 
     Notes
     -----
-    Behind the touch the force is taken as linear, which a line contact nearly is over the few
-    micrometres of an approach; a sphere's force would begin more softly.
-
-    Examples
-    --------
-    >>> z = np.linspace(0, 1e-4, 101)
-    >>> round(first_touch(z, np.maximum(0.0, z - 6.25e-5) * 1e5 + 0.3) * 1e6, 3)
-    62.5
+    Behind the touch the force is taken as linear, as that of a line contact nearly is over a few micrometres.
     """
     z, f = readings_of(position=position, force=force)
     if z.size < 2 * _FEWEST:
@@ -49,8 +40,8 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> float:
         raise InputError("the position does not change: no approach")
     start, end, span = float(np.median(f[:_FEWEST])), float(f[-3:].mean()), float(np.ptp(z))
     flat = InputError(
-        f"the force does not rise over the approach: {start:.4g} N at its beginning, "
-        f"{end:.4g} N at its end; give the position of first touch in the settings"
+        f"the force does not rise over the approach: {start:.4g} N at its beginning, {end:.4g} N at its end; give the "
+        "position of first touch in the settings"
     )
     if not end - start > 1e-12:
         raise flat

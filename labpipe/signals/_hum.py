@@ -22,16 +22,9 @@ _CONTROLS = 16  # neighbouring frequencies at which the noise of a line is deter
 
 @dataclass(frozen=True, slots=True)
 class Hum:
-    """``a cos(2 pi f s) + b sin(2 pi f s)``, s from ``epoch``.
+    """``a cos(2 pi f s) + b sin(2 pi f s)``, f = ``frequency`` [Hz], s from ``epoch`` [s].
 
-    Attributes
-    ----------
-    frequency : float [Hz]
-    epoch : float [s]
-    parameters : array (2,)
-        a and b, in the unit of the record.
-    covariance : array (3, 3)
-        Of them and of the frequency.
+    ``parameters`` (2,) are a and b, in the unit of the record; ``covariance`` (3, 3) is that of them and of f.
     """
 
     frequency: float
@@ -82,18 +75,10 @@ class Stretch(NamedTuple):
 def hum_at_rest(time: Floats, values: Floats, noise: float) -> tuple[Hum, bool] | None:
     """Find the hum of readings at rest.
 
-    Parameters
-    ----------
-    time, values : array (n,) [s], any unit
-        At rest but for a drift; no NaN.
-    noise : float
-        Standard deviation of a reading, below which a hum is not distinguished from other noise of a short rest.
-
-    Returns
-    -------
-    (Hum, bool) or None
-        The hum, and whether the frequency of the mains is determined, without which it
-        must not be continued beyond these readings. None where none is found.
+    ``time``, ``values`` (n,) [s, any unit] are at rest but for a drift; ``noise`` is the standard deviation of a
+    reading, below which a hum is not distinguished from other noise of a short rest. Returned is also whether the
+    frequency of the mains is determined, without which the hum must not be continued beyond these readings; None where
+    none is found.
     """
     rest = _Stretches(time, values, [Stretch(slice(None), 1)])
     # Hardly a period cannot be distinguished from drift, and few readings a period do not follow a line.
@@ -118,15 +103,10 @@ def hum_of(
 ) -> Hum | None:
     """Find the hum that runs through all stretches of a record in which nothing can swing.
 
-    ``noise`` is the standard deviation of the white part; stretches shorter than a tenth of a period are left out.
-    ``otherwise`` is returned where they span too few periods to resolve a line from its neighbours, None where no line
-    of the mains exceeds those.
-
-    Notes
-    -----
-    The noise of a line is that of the neighbouring frequencies in the same stretches, so that flicker or
-    flights that are no parabolas do not pass for a hum. Of white noise, the power of a line over the mean of
-    the others is F(2, 2 m).
+    ``noise`` is the standard deviation of the white part. ``otherwise`` is returned where the stretches span too few
+    periods to resolve a line from its neighbours, None where no line of the mains exceeds those: the noise of a line is
+    that of the neighbouring frequencies, so that flicker or flights that are no parabolas do not pass for a hum. Of
+    white noise, the power of a line over the mean of m others is F(2, 2 m).
     """
     known = _Stretches(time, values, stretches)
     # The controls lie at least a line's width away, and nearer than the next multiple.

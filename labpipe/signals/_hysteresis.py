@@ -31,14 +31,9 @@ def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float |
 
     Parameters
     ----------
-    time : array (n,) [s]
-    position : array (n,) [m]
+    time, position : array (n,) [s, m]
     frequency_guess : float, optional [Hz]
         Default the strongest line.
-
-    Returns
-    -------
-    Window
 
     Raises
     ------
@@ -47,8 +42,8 @@ def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float |
 
     Notes
     -----
-    The rule: the motion begins with the first, and ends with the last reading that is further from
-    the level at that end of the record than six standard deviations and 0.5 % of the range.
+    The motion begins with the first, and ends with the last reading that is further from the level at that end of the
+    record than six standard deviations and 0.5 % of the range.
     """
     t, x = readings_of(time=time, position=position)
     if len(x) < 16 or is_constant(x):
@@ -87,14 +82,14 @@ def hysteresis_loops(
     time, position, force : array (n,) [s, m, N]
         Indentation and compression positive, without NaN between ``start`` and ``end``.
     frequency : float [Hz]
-        Fitted frequency; every cycle is exactly one period long.
+        Every cycle is exactly one period long.
     start, end : float, optional [s]
         Part to be cut; default the whole record. A part of a cycle at the end is left out.
 
     Returns
     -------
     array (cycle,) [J]
-        Work that the solid dissipates in each cycle.
+        Work that the solid dissipates.
 
     Raises
     ------
@@ -103,17 +98,8 @@ def hysteresis_loops(
 
     Notes
     -----
-    The work is the area inside the path (x, F) of one period, closed by taking out the linear
-    drift of both; between readings the path is a cubic spline, so sparse sampling does not cut the
-    loop's corners (a polygon of 50 readings per cycle is 0.3 % too small).
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 10.0, 0.02)
-    >>> angle = 2 * np.pi * time
-    >>> found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
-    >>> round(float(found.mean() / (np.pi * 2e-4 * np.sin(0.1))), 3)
-    1.0
+    The work is the area inside the path (x, F) of one period, closed by taking out the linear drift of both. It is a
+    cubic spline between readings: a polygon of 50 readings per cycle is 0.3 % too small.
     """
     t, x, load = readings_of(time=time, position=position, force=force)
     if not t.size:

@@ -5,14 +5,12 @@ The acceleration that the contact adds is
     a(t) = c [s (1 - s)]^(3/2) (1 + r1 T1 + r2 T2 + r3 T3 + r4 T4)(2 s - 1) + c r5 N(s)
     s = (t - touch) / (liftoff - touch)
 
-with Chebyshev polynomials T. The exponent is Hertz's: any smooth convex body meets and leaves an
-elastic flat so. A solid that relaxes as t^-alpha while it is met begins as s^(3/2 - alpha), with alpha up to 0.45
-for a rubber in its transition; it always leaves with 3/2. N(s) is s (1 - s)^(3/2) less its part in the
-others: with it pulses of rubbers and plastics are followed to 0.1 % of their peak (without, 0.7 %, which
-moved the touch of soft spheres by seven times its uncertainty). The position is the double integral plus
-the incoming arc; the outgoing arc follows from the pulse, so both flights pin the pulse's impulse and
-its centre of gravity, and the samples inside pin its width. Touch and lift-off are where the
-force begins and ends, whatever dent is left.
+with Chebyshev polynomials T. The exponent is Hertz's: any smooth convex body meets and leaves an elastic flat so. A
+solid that relaxes as t^-alpha while it is met begins as s^(3/2 - alpha), with alpha up to 0.45 for a rubber in its
+transition; it always leaves with 3/2. N(s) is s (1 - s)^(3/2) less its part in the others, without which the touch of
+soft spheres was off by seven times its uncertainty. The position is the double integral plus the incoming arc; the
+outgoing arc follows from the pulse, so that both flights determine its impulse and its centre of gravity, and the
+samples inside its width. Touch and lift-off are where the force begins and ends, whatever dent is left.
 
 The shape r1..r5 has a prior, from simulated impacts whose force is fitted without noise. Where less than 0.6 of
 the speed returns polymers scatter more about it and the stated uncertainty is enlarged.
@@ -28,28 +26,22 @@ from scipy.linalg import block_diag
 from scipy.optimize import leastsq
 
 from labpipe.arrays import Floats
-from labpipe.signals._noise_spectrum import WHITE, Colour, coloured_covariance, coloured_power
+from labpipe.signals._noise_spectrum import WHITE, Colour, coloured_covariance
 from labpipe.signals._shape_prior import PRIORS, SHAPE, Character, Floor, ShapePrior, expected_shape
 from labpipe.uncertainty import propagated_covariance
 
-NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "crest", "onset", "touch", "liftoff", "gravity")
+NAMES = ("level", "speed", "pulse", *SHAPE, "touch", "liftoff", "gravity")
 """Parameters: arc's position and speed at the reference time, the pulse, and the fall's g."""
 
-_EXPONENT = 1.5
-_N_CHEBYSHEV = 5
-_ONSET = 1.0  # exponent
-_NODES = 4001  # linear interpolation between them is good to 1e-8 of the pulse
-_STRIDE = 10  # of these nodes, by which the path in contact is followed
-
+_EXPONENT, _N_CHEBYSHEV = 1.5, 5
+_NODES, _STRIDE = 4001, 10  # linear between them is good to 1e-8; the path in contact is followed by every tenth
 _SHAPE = [NAMES.index(name) for name in SHAPE]
 _TOUCH, _LIFTOFF, _GRAVITY = (NAMES.index(name) for name in ("touch", "liftoff", "gravity"))
 _WITH_PRIOR = [*_SHAPE, _GRAVITY]
 _LOSS_UPDATES, _LOSS_SETTLED = 3, 0.02
 _MOST_EVALUATIONS, _SHORTER = 200, 0.5
 _TESTED_LOSS, _UNTESTED_SCALE = 0.4, 0.1  # beyond, polymers scatter: u grows to threefold at e = 0.3
-# A gap among the readings hides a contact when it is this much of its duration, and wider than
-# this many usual intervals (a record that is coarse throughout fits, with the scatter it states).
-_HIDING, _GAP = 0.3, 3.0
+_HIDING, _GAP = 0.3, 3.0  # parts of a contact, and usual intervals, that a gap which hides it exceeds
 _CLEAR = 0.8  # of the guessed duration from its middle: surely out of contact
 
 
@@ -57,12 +49,10 @@ _CLEAR = 0.8  # of the guessed duration from its middle: surely out of contact
 class ImpactFit:
     """Result of :func:`fit_impact`: ``value`` and ``covariance`` in the order of :data:`OUTPUTS`.
 
-    ``by_shape`` (output, :data:`SHAPE`) is the contribution of one deviation of each unknown of the pulse's
-    shape, a part of ``covariance``: other impacts and drops of the same body err by the same (in simulated impacts of
-    polymers the shapes of the first three differ equally from the expected one, correlation 0.97 and
-    more), and their mean errs no less.
-    ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations;
-    ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
+    ``by_shape`` (output, :data:`SHAPE`) is the contribution of one deviation of each unknown of the pulse's shape, a
+    part of ``covariance`` in which other impacts and drops of the same body err by the same (correlation 0.97 in
+    simulated impacts of polymers). ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model
+    evaluations; ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
     """
 
     value: Floats
@@ -102,7 +92,7 @@ def _tables() -> tuple[Floats, Floats, Floats, Floats]:
     s = np.linspace(0.0, 1.0, _NODES)
     window = (s * (1.0 - s)) ** _EXPONENT
     shapes = window * chebyshev.chebvander(2.0 * s - 1.0, _N_CHEBYSHEV - 1).T
-    onset = s**_ONSET * (1.0 - s) ** _EXPONENT
+    onset = s * (1.0 - s) ** _EXPONENT
     shared = np.linalg.lstsq(shapes.T, onset, rcond=None)[0]
     shapes = np.vstack([shapes, onset - shared @ shapes])
     first = cumulative_simpson(shapes, x=s, initial=0.0)
@@ -114,10 +104,7 @@ _S, _SHAPES, _FIRST, _SECOND = _tables()
 
 
 def _at(s: Floats, tables: Floats) -> Floats:
-    """Interpolate tables (table, node) linearly at s (n,); beyond 0..1 they stay as they end.
-
-    Most samples lie in the flights, and cost nothing.
-    """
+    """Interpolate tables (table, node) linearly at s (n,); beyond 0..1, where most samples lie, they stay constant."""
     found = np.where(s < 0.5, tables[:, :1], tables[:, -1:])
     within = np.flatnonzero((s > 0.0) & (s < 1.0))
     place = s[within] * (_NODES - 1)
@@ -141,10 +128,9 @@ def fit_impact(
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
-    ``time`` [s] and ``position`` [m] (n,) run from within the flight before to within the flight after, upwards
-    positive, with the standard deviation ``sigma`` of a sample; ``guess`` are touch and lift-off time, roughly.
-    ``prior`` is one of :data:`PRIORS`, ``colour`` that of the noise, ``floor`` the plate under the contact, and
-    ``swing`` [m/s] the amplitude of its speed after earlier impacts.
+    ``time`` [s] and ``position`` [m] (n,) run from the flight before to the flight after, upwards positive, with the
+    standard deviation ``sigma`` of a sample; ``guess`` are touch and lift-off time, roughly; ``floor`` is the plate
+    under the contact, and ``swing`` [m/s] the amplitude of its speed after earlier impacts.
     """
     reference, duration = 0.5 * (guess[0] + guess[1]), guess[1] - guess[0]
     t = time - reference
@@ -166,9 +152,10 @@ def fit_impact(
         start = p
         if abs(character.loss - previous.loss) < _LOSS_SETTLED:
             break
-    interval = float(np.median(np.diff(t)))
     chi_square = misfit / max(len(t) - len(NAMES) + len(_WITH_PRIOR), 1)
-    excess = chi_square / coloured_power(len(t), interval, colour.corner)
+    # of residuals whose noise is not white
+    frequency = np.fft.rfftfreq(len(t), float(np.median(np.diff(t))))[2:]
+    excess = chi_square / (1.0 + colour.corner * float(np.mean(1.0 / frequency)))
     # More scatter than the noise means a motion that the model lacks (a vibrating plate).
     factor = max(excess, 1.0) * (1.0 + (max(character.loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
@@ -191,9 +178,8 @@ def fit_impact(
 def _of_unread(value: Floats, gap: float) -> Floats:
     """Covariance of the outputs when touch and lift-off may be anywhere in a gap.
 
-    The arcs on both sides are known, so levels and speeds follow the times; depth and force in
-    the gap are not known at all. Fitted and true time are both somewhere in
-    the gap: their difference has the standard deviation gap / sqrt(6).
+    Levels and speeds follow the times along the arcs; depth and force are not known at all. Fitted and true time are
+    both somewhere in the gap: their difference has the standard deviation gap / sqrt(6).
     """
     by, of = dict(zip(OUTPUTS, np.eye(len(OUTPUTS)), strict=True)), dict(zip(OUTPUTS, value.tolist(), strict=True))
     before, after, gravity = of["incoming_speed"], of["outgoing_speed"], of["gravity"]

@@ -1,7 +1,4 @@
-"""How well two curves agree: normalised error, bias, limits of agreement.
-
-The thesis compares by eye; these are the figures that it lacks.
-"""
+"""How well two curves agree: normalised error, bias, limits of agreement."""
 
 from typing import NamedTuple
 
@@ -15,29 +12,17 @@ from labpipe.signals._readings import is_constant, readings_of
 
 
 def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
-    """Root-mean-square difference over the range of the model.
-
-    Not over that of the measurement: a wrong scale would hide in its own range.
+    """Root-mean-square difference over the range of the model: a wrong scale would hide in the measurement's own.
 
     Parameters
     ----------
     measured, model : array (n,)
         Of one quantity at the same places; pairs with a NaN are left out.
 
-    Returns
-    -------
-    float
-        ``sqrt(mean((measured - model)**2)) / (max(model) - min(model))``, dimensionless.
-
     Raises
     ------
     InputError
         Shapes differ, fewer than two pairs are finite, or the model does not vary.
-
-    Examples
-    --------
-    >>> nrmse([0.0, 1.0, 2.0], [0.1, 1.1, 2.1])
-    0.05
     """
     a, b = _pairs(measured, model)
     if is_constant(b):
@@ -55,9 +40,8 @@ def _pairs(measured: ArrayLike, model: ArrayLike) -> list[Floats]:
 class Agreement(NamedTuple):
     """Agreement of two methods of measurement (Bland and Altman).
 
-    ``bias`` is the mean of first minus second, ``sd`` the standard deviation of the differences,
-    ``low`` and ``high`` the 95 % limits of agreement; each ``u_`` is a standard uncertainty.
-    ``concordance`` is Lin's coefficient.
+    ``bias`` is the mean of first minus second, ``sd`` the standard deviation of the differences, ``low`` and ``high``
+    the 95 % limits of agreement; each ``u_`` is a standard uncertainty. ``concordance`` is Lin's coefficient.
     """
 
     bias: float
@@ -67,19 +51,16 @@ class Agreement(NamedTuple):
     high: float
     u_limit: float
     concordance: float
-    n_effective: float
 
 
-def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = None) -> Agreement:
+def agreement(first: ArrayLike, second: ArrayLike) -> Agreement:
     """Return bias and limits of agreement of two methods on the same quantity.
 
     Parameters
     ----------
     first, second : array (n,)
-        Paired values; pairs with a NaN are left out.
-    n_effective : float, optional
-        Number of independent pairs; by default from the autocorrelation of the differences, as
-        errors of neighbouring samples are correlated.
+        Paired values; pairs with a NaN are left out. As errors of neighbouring samples are correlated, the
+        autocorrelation of the differences gives the number of independent pairs.
 
     Raises
     ------
@@ -95,27 +76,20 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
     if a.size < 3:
         raise InputError(f"limits of agreement need at least three pairs, found {a.size}")
     d = a - b
-    n = independent_count(d) if n_effective is None else float(n_effective)
+    n = independent_count(d)
     sd = float(d.std(ddof=1))
     # 1.96 for many pairs; wider where few are independent
     factor = float(stdtrit(max(n - 1, 1), 0.975) * np.sqrt(1 + 1 / n))
     spread = a.var() + b.var() + (a.mean() - b.mean()) ** 2
     concordance = 1.0 if spread == 0 else float(2 * np.cov(a, b, ddof=0)[0, 1] / spread)
-    bias = float(d.mean())
-    return Agreement(
-        bias, sd / np.sqrt(n), sd, bias - factor * sd, bias + factor * sd, sd * np.sqrt(3 / n), concordance, n
-    )
+    bias, away = float(d.mean()), factor * sd
+    return Agreement(bias, sd / np.sqrt(n), sd, bias - away, bias + away, sd * np.sqrt(3 / n), concordance)
 
 
 def independent_count(values: ArrayLike) -> float:
     """Effective number of independent samples of a stationary series.
 
-    The autocorrelation is summed up to its first negative value, as usual for autocorrelated noise.
-
-    Examples
-    --------
-    >>> bool(independent_count([1.0, -1.0] * 50) == 100)
-    True
+    The autocorrelation is summed up to its first negative value.
     """
     x = np.asarray(values, float)
     if not np.isfinite(x).all():

@@ -1,9 +1,8 @@
 """Noise of a record, estimated from the record alone.
 
-High-order differences remove every smooth motion and leave the noise; the median makes the few
-samples at contacts harmless. A sensor that averages (a moving average of N samples, a low-pass)
-leaves neighbouring samples correlated, and then differences see far too little: the estimate is
-repeated on block means, and climbs until it no longer grows.
+High-order differences remove every smooth motion; the median makes the few samples at contacts harmless. A sensor that
+averages leaves neighbouring samples correlated, and differences see too little: the estimate is repeated on block means
+until it no longer grows.
 """
 
 from itertools import pairwise
@@ -14,9 +13,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 
-DIFFERENCE_ORDER = 8
-"""High enough that a sinusoid of 20 samples per period is suppressed 2e4 times against noise."""
-
+_DIFFERENCE_ORDER = 8  # a sinusoid of 20 samples per period is suppressed 2e4 times against noise
 _LARGEST_BLOCK, _FEWEST_DIFFERENCES = 64, 64
 _PLATEAU = 1.3  # two doublings of the block that change no more than this: it no longer grows
 _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise is treated so
@@ -36,7 +33,7 @@ class Noise(NamedTuple):
 
 
 def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
-    """Estimate the noise of equally important samples in their order.
+    """Estimate the noise of samples in their order.
 
     Parameters
     ----------
@@ -45,25 +42,12 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     time : array (n,), optional
         Their times, when they are not evenly spaced.
 
-    Returns
-    -------
-    Noise
-        In the unit of ``values``.
-
     Notes
     -----
-    White noise has the same level in samples and in means of 2 and 4 samples (times the root of
-    their number); correlated noise climbs to such a plateau, motion climbs without one. The first
-    plateau is taken, and the samples themselves when there is none.
-    The smallest value returned is ``step / sqrt(12)``, the standard deviation of rounding, or
-    1e-9 of the range of the values.
-
-    Examples
-    --------
-    >>> wave = np.sin(np.linspace(0.0, 9.0, 5000))
-    >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(5000)
-    >>> round(estimate_noise(wave + noise).sigma * 1e3, 1)
-    1.0
+    White noise has the same level in samples and in means of 2 and 4 samples (times the root of their number);
+    correlated noise climbs to such a plateau, motion climbs without one. The first plateau is taken, and the samples
+    themselves when there is none; at least ``step / sqrt(12)``, the standard deviation of rounding, or 1e-9 of the
+    range.
     """
     step = quantisation_step(values)
     resolution = 4.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
@@ -88,7 +72,7 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
 
 def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     """Noise level from the median of high-order differences; 0 when there are too few samples."""
-    order = min(DIFFERENCE_ORDER, len(values) - 2)
+    order = min(_DIFFERENCE_ORDER, len(values) - 2)
     if order < 1:
         return 0.0
     if time is None:
@@ -109,9 +93,8 @@ def deviation(values: Floats) -> float:
 def quantisation_step(values: Floats) -> float:
     """Return the step of which all samples are multiples (about an offset), or 0.
 
-    The step must be met at least three times among the differences, differences of no step at all
-    or of another multiple must occur, and nine in ten differences must be multiples to a twentieth;
-    noise of a continuous sensor passes none of these.
+    Among the differences it must occur three times, none or another multiple as well, and nine in ten must be multiples
+    to a twentieth; noise of a continuous sensor passes none of these.
     """
     some = max(len(values) // 5000, 1)  # of a long record
     differences = np.abs(values[1::some] - values[:-1:some])

@@ -1,10 +1,9 @@
 """Spectrum of a sensor's noise: how much stronger it is at low frequencies than between neighbouring samples.
 
-Neighbouring samples determine the white part of the noise. Drift, flicker and hum change little from sample to
-sample, but they pass every fit over many samples. They show where a body flies or rests: in the residuals of a
-parabola, whose power is described by one number more, ``1 + corner / f`` times that of the white part (a flicker noise
-is exactly so, and other noise counts as the flicker that is as strong), and in the rate of a spline, which has to be
-a straight line there.
+Neighbouring samples determine the white part of the noise. Drift, flicker and hum change little from sample to sample,
+but they pass every fit over many samples. They show where a body flies or rests: in the residuals of a parabola, whose
+power is ``1 + corner / f`` times that of the white part (a flicker noise is exactly so), and in the rate of a spline,
+which has to be a straight line there.
 """
 
 from collections.abc import Sequence
@@ -25,11 +24,7 @@ _CERTAIN = 2.0  # gain in log likelihood below which the noise is called white
 
 
 class Colour(NamedTuple):
-    """The part of noise that is not white.
-
-    ``corner`` [Hz]: Below which it is more than twice as strong. ``hum``: Of the mains, taken out of the record
-    already: its remainder is noise.
-    """
+    """Noise that is not white: more than twice as strong below a corner [Hz]; the remainder of a hum taken out."""
 
     corner: float = 0.0
     hum: Hum | None = None
@@ -41,11 +36,10 @@ WHITE = Colour()
 def excess_of_rate(values: Floats, sigma: float, level: tuple[Floats, Floats], rate: tuple[Floats, Floats]) -> Floats:
     """Return the standard uncertainty (n,) of a spline's rate by noise that is not white.
 
-    ``values`` (n,) have a white noise of ``sigma``; ``level`` and ``rate`` are those of the spline, each with its
-    standard uncertainty by that noise. In stretches that follow a parabola to within the noise the rate is a
-    straight line but for noise: the median over them of its variance about a line, beyond that by white noise, counts
-    everywhere, and in proportion where the spline passes higher frequencies, as it does for a flicker noise. It is zero
-    where no stretch follows a parabola.
+    ``values`` (n,) have a white noise of ``sigma``; ``level`` and ``rate`` are those of the spline, each with its u by
+    that noise. In stretches that follow a parabola the rate is a straight line but for noise: the median of its
+    variance about one, beyond that by white noise, counts everywhere, and in proportion where the spline passes higher
+    frequencies. It is zero where no stretch follows a parabola.
     """
     share, taken = (level[1] / sigma) ** 2, np.zeros(values.size)
     beyond, passed = [np.zeros(0)], [np.zeros(0)]
@@ -111,9 +105,3 @@ def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, col
         moved = read.T @ colour.hum.modes(time) / sigma
         middle = middle + moved @ moved.T
     return np.asarray(inverse @ middle @ inverse, float)
-
-
-def coloured_power(count: int, interval: float, corner: float) -> float:
-    """Return the mean power of the residuals of a fit to ``count`` samples, over that of the white part."""
-    frequency = np.fft.rfftfreq(count, interval)[2:]
-    return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0

@@ -3,11 +3,6 @@
 The frequency is always fitted, never taken from a header: instruments are off by up to a per cent,
 and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
 
-Rounding is not noise: a sinusoid that runs over the same steps again in every cycle is rounded
-equally in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
-leaves nothing in the residuals. Where the step of the readings is known, its contribution is
-therefore found by rounding the fitted curve itself.
-
 Variable projection: at a trial frequency and decay everything else is linear, so only these are
 searched; the covariance is that of all parameters together.
 """
@@ -32,10 +27,9 @@ _HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is ave
 def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     """Covariance of least-squares parameters under stationary, correlated residuals.
 
-    ``jacobian`` (n, p) is the derivative of the model by its parameters, at (nearly) even times, ``residual`` (n,)
-    that of the fit. The sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
-    spectrum. The fit has taken power out of the bins that it listens to; the spectrum is enlarged by as much. For white
-    residuals this is the usual ``s^2 (J'J)^-1``.
+    ``jacobian`` (n, p) is the derivative of the model by its parameters at (nearly) even times, ``residual`` (n,)
+    that of the fit: ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual spectrum, which
+    is enlarged by the power that the fit has taken out of its bins. Of white residuals it is ``s^2 (J'J)^-1``.
     """
     n = len(jacobian)
     scale = np.linalg.norm(jacobian, axis=0)
@@ -52,7 +46,6 @@ def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     return np.divide(inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0)
 
 
-_OFFSETS = 64  # places of the curve between two steps over which rounding is averaged: u is good to 9 %
 _TRIAL_RATES = (0.1, 0.5, 1.5, 4.0, 10.0, 30.0)  # decay over the record, to begin the fit with
 _FEWEST_CYCLES = 1.5  # of a decaying vibration
 
@@ -63,8 +56,7 @@ class Oscillation:
 
     ``s`` is the time from ``reference_time``. ``frequency`` is the damped one fd = f0 sqrt(1 - zeta^2) in Hz, ``rate``
     2 pi f0 zeta in 1/s and ``damping_ratio`` zeta. Amplitude and phase are those of the fundamental, at the reference
-    time; ``waves`` are amplitude_k exp(i phase_k). ``u_`` are standard uncertainties that account for autocorrelated
-    residuals. Phases in rad, the rest in units of the signal.
+    time; ``waves`` are amplitude_k exp(i phase_k). Phases in rad, the rest in units of the signal.
     """
 
     frequency: float
@@ -122,7 +114,6 @@ def fit_sinusoid(
     *,
     harmonics: int = 3,
     trend_order: int = 1,
-    resolution: float = 0.0,
     is_damped: bool = False,
     reference_time: float | None = None,
 ) -> Oscillation:
@@ -130,41 +121,23 @@ def fit_sinusoid(
 
     Parameters
     ----------
-    time : array (n,) [s]
-        Increasing, nearly even.
-    signal : array (n,)
-        NaN is left out.
+    time, signal : array (n,) [s, any unit]
+        Increasing, nearly even times; NaN of the signal is left out.
     frequency_guess : float, optional [Hz]
         Good to about 1/T; default the strongest line of the spectrum.
     harmonics : int
         Number of waves of a steady one, the fundamental included; those above the Nyquist frequency are left out.
     trend_order : int
-        Degree of the polynomial trend (0 offset, 1 drift, ...).
-    resolution : float
-        Step to which the readings of a steady one are rounded, in their unit; 0 where it is not known. It enters
-        the uncertainties alone.
+        Degree of the polynomial trend of a steady one (0 offset, 1 drift, ...).
     is_damped : bool
         Whether the vibration decays, free from the first reading on.
     reference_time : float, optional [s]
-        Where amplitude and phase are stated, with the uncertainty that they have there; default the middle of a steady
-        one, the first reading of a decaying one.
-
-    Returns
-    -------
-    Oscillation
+        Where amplitude and phase are stated; default the middle of a steady one, the first reading of a decaying one.
 
     Raises
     ------
     InputError
         Too few readings, less than one cycle (1.5 of a decaying one), or a signal that does not vary.
-
-    Notes
-    -----
-    The covariance by rounding is the mean over the places of the curve between two steps; the residuals count
-    only as far as they exceed it.
-    For a slow sinusoid of amplitude A in steps q it tends to 0.11 q sqrt(q/A) of the amplitude,
-    however many cycles and readings there are (the Bessel series of Blachman, IEEE Trans. Commun.
-    33 (1985) 1371).
 
     Examples
     --------
@@ -208,7 +181,7 @@ def fit_sinusoid(
         residual, begin, bounds=(low, high), x_scale=[0.1 / (guess * span), 1.0][: begin.size], **accuracy
     )
     rate = float(found.x[1]) / span if is_damped else 0.0
-    return model.described(guess * float(found.x[0]), rate, reference, begin.size, resolution)
+    return model.described(guess * float(found.x[0]), rate, reference, begin.size)
 
 
 def common_fit(
@@ -218,46 +191,28 @@ def common_fit(
     frequency_guess: float | None = None,
     *,
     response: Callable[[float], complex] | None = None,
-    resolutions: tuple[float, float] = (0.0, 0.0),
 ) -> CommonFit:
     """Fit position and force at the position's frequency: stiffness and phase lag.
 
     Parameters
     ----------
     time, position, force : array (n,) [s, m, N]
-        Compression and indentation positive. Samples where either is NaN are left out.
+        Compression and indentation positive; NaN is left out.
     frequency_guess : float, optional [Hz]
         As in :func:`fit_sinusoid`.
     response : callable, optional
-        Complex response of the force channel at a frequency in Hz, by whose fundamental the force
-        is divided (a load cell's low-pass filter).
-    resolutions : pair of float [m, N]
-        Steps to which position and force are rounded; 0 where they are not known.
-
-    Returns
-    -------
-    CommonFit
+        Complex response of the force channel at a frequency [Hz], by which its fundamental is divided.
 
     Notes
     -----
     A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position together: only the
     part of the force that does not follow the position, delayed by the lag, makes their ratio uncertain.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 20.0, 0.01)
-    >>> angle = 2 * np.pi * 0.5 * time
-    >>> fit = common_fit(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1))
-    >>> round(fit.phase_lag, 6), round(fit.storage_stiffness, 3)
-    (0.1, 19900.083)
     """
     t, x, load = readings_of(time=time, position=position, force=force)
     varying(t, load)  # a constant force has no phase
-    moved = fit_sinusoid(t, x, frequency_guess, trend_order=2, resolution=resolutions[0])
+    moved = fit_sinusoid(t, x, frequency_guess, trend_order=2)
     s, omega = t - moved.reference_time, 2 * np.pi * moved.frequency
-    recorded = _Model(s, load, len(moved.waves), 2).described(
-        moved.frequency, 0.0, moved.reference_time, 0, resolutions[1]
-    )
+    recorded = _Model(s, load, len(moved.waves), 2).described(moved.frequency, 0.0, moved.reference_time, 0)
     factor = 1.0 + 0.0j if response is None else response(moved.frequency)
     wave = recorded.waves[0] / factor
     pushed = replace(
@@ -290,10 +245,7 @@ def varying(time: ArrayLike, signal: ArrayLike) -> list[Floats]:
 
 
 def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
-    """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
-
-    ``s``, ``y`` (n,): Times and finite readings. ``taper``: Weigh the ends down, which resolves close lines.
-    """
+    """Return the frequency of the strongest line, good to a fraction of 1/T; a taper resolves close lines."""
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)
     values = values - np.polynomial.polynomial.polyval(even, np.polynomial.polynomial.polyfit(even, values, 1))
@@ -326,24 +278,20 @@ class _Model:
         coefficients[2 * self.n_waves] += self.mean
         return coefficients, left, columns.T
 
-    def described(self, frequency: float, rate: float, reference: float, n_free: int, step: float = 0.0) -> Oscillation:
+    def described(self, frequency: float, rate: float, reference: float, n_free: int) -> Oscillation:
         """Describe the fit at its best frequency and rate, of which the first ``n_free`` were fitted."""
-        s, y, n_waves = self.s, self.y, self.n_waves
+        s, n_waves = self.s, self.n_waves
         coefficients, left, design = self.linear(frequency, rate)
         waves = coefficients[:n_waves] + 1j * coefficients[n_waves : 2 * n_waves]
         curves = waves * (design[:, n_waves : 2 * n_waves] + 1j * design[:, :n_waves])
         by_frequency, by_rate = 2 * np.pi * s * (curves.real @ np.arange(1, n_waves + 1)), -s * curves.imag.sum(axis=1)
         jacobian = np.column_stack([design, *[by_frequency, by_rate][:n_free]])
         covariances = [parameter_covariance(jacobian, left)]
-        scatter = float(left @ left) / max(len(left) - jacobian.shape[1], 1)
         if n_free == 2:
             # The spectrum of a short residual is known to a fifth at best; the larger u is stated.
             scale = np.linalg.norm(jacobian, axis=0)
             white = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True) / np.outer(scale, scale)
-            covariances.append(scatter * white)
-        if step > 0.0:
-            beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
-            covariances = [beyond * covariances[0] + _rounding_covariance(jacobian, y - left, step)]
+            covariances.append(float(left @ left) / max(len(left) - jacobian.shape[1], 1) * white)
 
         def u_of(gradient: dict[int, float]) -> float:
             along = np.zeros(jacobian.shape[1])
@@ -369,15 +317,3 @@ class _Model:
             trend=tuple((coefficients[2 * n_waves :] / self.half ** np.arange(len(self.powers))).tolist()),
             residual_rms=float(np.sqrt(np.mean(left**2))),
         )
-
-
-def _rounding_covariance(jacobian: Floats, curve: Floats, step: float) -> Floats:
-    """Covariance of the parameters when the curve is rounded to steps, wherever these lie."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    columns = jacobian / np.where(scale > 0, scale, 1.0)
-    moved = np.empty((jacobian.shape[1], _OFFSETS))
-    for k in range(_OFFSETS):
-        shifted = curve + step * (k + 0.5) / _OFFSETS
-        moved[:, k] = columns.T @ (step * np.round(shifted / step) - shifted)
-    moved = np.linalg.solve(columns.T @ columns, moved) / scale[:, None]
-    return np.asarray(moved @ moved.T) / _OFFSETS

@@ -1,9 +1,8 @@
 """Outliers: short runs of readings that leave a record and return to it.
 
-A Hampel identifier on residuals. Each candidate run is compared with a cubic through the readings on both sides of it,
-in units of the scatter of those readings about the cubic. An impact bends a record but does not interrupt it: the
-scatter about the cubic grows with the kink, and the first and the last reading of a contact continue the readings
-outside. Both must deviate before a run counts as outliers.
+A Hampel identifier on residuals: each candidate run is compared with a cubic through the readings on both sides, in
+units of their scatter about it. An impact bends a record but does not interrupt it: the scatter grows with the kink,
+and the first and last reading of a contact continue the readings outside; both must deviate in a run of outliers.
 """
 
 from typing import NamedTuple
@@ -14,8 +13,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.signals._noise import estimate_noise
 
-LONGEST_RUN = 10
-"""Readings of one run that are left out; a longer interruption hides motion."""
+LONGEST_RUN = 10  # readings of one run that are left out; a longer interruption hides motion
 _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
 Indices = NDArray[np.int64]
 
@@ -52,31 +50,18 @@ def outliers(values: Floats, time: Floats | None = None, *, noise: float | None 
     ends : bool
         Whether a run may lie at an end of the record; not where one reading before or after a step is a measurement.
 
-    Returns
-    -------
-    Outliers
-        Flags and runs.
-
     Notes
     -----
     The first and the last reading of a run deviate by eight times the noise and the scatter of the eight readings on
-    either side: neither noise nor a kink sampled by any number of readings reaches that. A run at either end of the
-    record, which no reading follows, must leave it by more than eight of its largest steps, and step to it further than
-    twice its own steps: motion may begin or end there. A pulse of four readings or more that rises and falls smoothly
-    is kept: its first and last readings deviate by less than half of its height, and its second differences are below
-    1.5 times that height.
+    either side. A run at either end of the record must leave it by more than eight of its largest steps, and step to it
+    further than twice its own steps: motion may begin or end there. A pulse of four readings or more that rises and
+    falls smoothly is kept: its first and last readings deviate by less than half of its height, and its second
+    differences are below 1.5 times that height.
 
     References
     ----------
     R. K. Pearson et al., Generalized Hampel filters, EURASIP J. Adv. Signal Process. 2016, 87,
     doi:10.1186/s13634-016-0383-6.
-
-    Examples
-    --------
-    >>> wave = np.sin(np.linspace(0.0, 9.0, 500)) + 1e-3 * np.random.default_rng(1).standard_normal(500)
-    >>> wave[[100, 101]] = 2.0
-    >>> outliers(wave).runs
-    [(100, 101)]
     """
     values = np.asarray(values, float)
     flags = np.zeros(values.size, bool)

@@ -6,15 +6,13 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
-LARGEST, LEAST = 1e75, 1e-75
-"""No quantity in SI units is beyond it; fourth powers of both are still numbers."""
+LARGEST, LEAST = 1e75, 1e-75  # no quantity in SI units is beyond; fourth powers of both are still numbers
 
 
 def checked_times(time: ArrayLike, what: str = "time") -> Floats:
-    """Return times as float64, or say where they do not increase.
+    """Return times as float64; InputError where they are not one-dimensional or do not increase.
 
-    ``what`` names the record in the message; times that are not one-dimensional, not finite, repeated or running
-    backwards raise InputError.
+    ``what`` names the record in the message.
     """
     t = np.array(time, float)
     if t.ndim != 1:
@@ -22,13 +20,13 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     with np.errstate(invalid="ignore"):  # infinity minus infinity
         if t.size > 1 and np.min(np.diff(t)) > LEAST and t[0] > -LARGEST and t[-1] < LARGEST:
             return t
-    if t.size and not np.isfinite(t[0]):
-        raise InputError(f"{what} must be finite; sample 0 is at {t[0]} s")
     # An infinite time may well follow a finite one, and nothing but infinity follows it.
-    wrong = np.flatnonzero(~(np.isfinite(t[1:]) & (t[1:] > t[:-1])))
+    after = np.append(-np.inf, t[:-1])
+    wrong = np.flatnonzero(~(np.isfinite(t) & (t > after)))
     if wrong.size:
         i = int(wrong[0])
-        raise InputError(f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s")
+        said = f" after {t[i - 1]} s" if i else ""
+        raise InputError(f"{what} must increase and be finite; sample {i} is at {t[i]} s{said}")
     if t.size > 1 or (t.size and abs(t[0]) >= LARGEST):
         steps = f" in steps of {np.min(np.diff(t)):.3g} s" if t.size > 1 else ""
         raise InputError(f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s{steps}")
@@ -36,10 +34,7 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
 
 
 def refuse_infinite(values: Floats, what: str) -> None:
-    """Refuse infinite readings, and those larger than any quantity (1e75); NaN says that there is no reading.
-
-    InputError names the first one.
-    """
+    """Refuse infinite readings, and those larger than any quantity (1e75); NaN says that there is no reading."""
     wrong = np.flatnonzero(np.abs(values) > LARGEST)
     if wrong.size:
         i = int(wrong[0])
@@ -49,8 +44,7 @@ def refuse_infinite(values: Floats, what: str) -> None:
 def readings_of(**records: ArrayLike) -> list[Floats]:
     """Return records of one length (n,) as float64, without the readings at which one of them is NaN.
 
-    The keywords name them in the message of the InputError: not one-dimensional, of different lengths, infinite, or a
-    ``time`` that does not increase.
+    The keywords name them in the message of the InputError: shapes differ, infinite, or ``time`` does not increase.
     """
     found = {name: np.array(each, float) for name, each in records.items()}
     shapes = [each.shape for each in found.values()]

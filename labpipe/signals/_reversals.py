@@ -60,9 +60,8 @@ def find_turns(time: Floats, speed: Floats, u_speed: Floats) -> list[Turn]:
         before = _TENTH * (late - early) / (1.0 - 2.0 * _TENTH)
         turns.append(Turn(descent, int(starts[i]), end, early - before, late + before, jump))
     # The holder may tremble before the release; the first impact is among the strongest.
-    strongest = max([turn.jump for turn in turns], default=0.0)
-    first = next((i for i, turn in enumerate(turns) if turn.jump > _STRONG * strongest), 0)
-    return turns[first:]
+    strongest = max((turn.jump for turn in turns), default=0.0)
+    return turns[next((i for i, turn in enumerate(turns) if turn.jump > _STRONG * strongest), 0) :]
 
 
 def flights_after(time: Floats, turns: list[Turn]) -> list[slice]:

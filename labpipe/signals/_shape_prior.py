@@ -16,8 +16,7 @@ class ShapePrior(NamedTuple):
     """Prior of lean, flatness, skewness, crest and onset (r1 to r5) of the pulse.
 
     Each is ``at_no_loss + per_loss (1 - e) + per_loss_squared (1 - e)^2``, added to the elastic value for r2 and r4,
-    within a standard deviation of ``spread + spread_per_loss (1 - e)^power``; ``root`` is the symmetric root of
-    the correlations.
+    within a standard deviation of ``spread + spread_per_loss (1 - e)^power``; ``root``: of the correlations.
     """
 
     per_loss: tuple[float, ...]
@@ -75,11 +74,7 @@ class Floor(NamedTuple):
 
 
 class Character(NamedTuple):
-    """Quantities on which the shape of a pulse depends.
-
-    ``loss``: part of the speed that the solid does not return; ``weight``: speed that gravity takes during contact, of
-    the incoming; ``u_loss``: standard uncertainty of the loss, by that of the plate.
-    """
+    """Parts of the speed that the solid does not return, and that gravity takes; u of the first by the plate."""
 
     loss: float
     weight: float

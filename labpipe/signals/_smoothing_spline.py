@@ -1,11 +1,9 @@
 """An adaptive quintic smoothing spline, with its posterior uncertainty, in linear time.
 
-The spline minimises ``sum (y - f)^2 / sigma^2 + integral lambda(t) f''''(t)^2 dt``. Both its knots
-and its penalty follow the record: knots are as close as the shortest stretch whose fourth differences
-exceed the noise asks for (a flight: hundreds of samples; an impact: a few), and lambda
-is estimated from the record itself (restricted likelihood, Fellner-Schall update) in a sliding
-window, so a flight is smoothed hard and an impact next to it is not blunted. Penalising the fourth derivative
-suits impacts: their acceleration is smooth, only large.
+The spline minimises ``sum (y - f)^2 / sigma^2 + integral lambda(t) f''''(t)^2 dt``. Knots are as close as the shortest
+stretch whose fourth differences exceed the noise asks for (a flight: hundreds of samples; an impact: a few), and lambda
+is estimated from the record (restricted likelihood, Fellner-Schall update) in a sliding window, so that a flight is
+smoothed hard and an impact next to it is not blunted.
 
 References
 ----------
@@ -52,11 +50,9 @@ class Smooth:
 def smooth(
     time: Floats, values: Floats, sigma: float, contacts: Sequence[float] = (), releases: Sequence[float] = ()
 ) -> Smooth:
-    """Fit the spline to finite samples.
+    """Fit the spline to 8 or more finite samples with a white noise of standard deviation ``sigma`` > 0.
 
-    ``time`` (n,), strictly increasing, has 8 or more samples, ``sigma`` > 0 is the standard deviation of their white
-    noise. At ``contacts`` the third derivative may jump, for a convex body meets or leaves a flat; at ``releases`` the
-    second: a body is let go, or hits a hard stop.
+    At ``contacts`` the third derivative may jump, for a convex body meets or leaves a flat; at ``releases`` the second.
     """
     scale = float(np.median(np.diff(time)))
     x = (time - time[0]) / scale
@@ -104,10 +100,8 @@ def evaluate(fit: Smooth, time: Floats, *derivatives: int) -> list[tuple[Floats,
         for q in range(size):
             variances[:, q : q + size] += products[:, q]
         value, variance = followed((basis @ active)[:, :, 0], place, ends), followed(variances, place, ends)
-        factor = fit.sigma / fit.time_scale**derivative
-        found.append(
-            (factor * value + (0.0 if derivative else fit.offset), factor * np.sqrt(np.maximum(variance, 0.0)))
-        )
+        factor, offset = fit.sigma / fit.time_scale**derivative, 0.0 if derivative else fit.offset
+        found.append((factor * value + offset, factor * np.sqrt(np.maximum(variance, 0.0))))
     return found
 
 

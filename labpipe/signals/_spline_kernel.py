@@ -1,9 +1,8 @@
 """The compiled loops of the smoothing spline: moments of the samples, the penalised fit, polynomials.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle. Samples enter by their
-moments there, and all else works on one band of the normal matrix, in time linear in the coefficients: the variance of
-a spline needs only those entries of the inverse inside the band, which follow from the factor from the last row to the
-first (Takahashi, Fagan & Chin, Proc. 8th PICA Conf. (1973) 63; see Erisman & Tinney, Comm. ACM 18 (1975) 177,
+moments there; all else is one band of the normal matrix. The variance of a spline needs only the inverse inside the
+band, which follows from the factor, last row first (Erisman & Tinney, Comm. ACM 18 (1975) 177,
 doi:10.1145/360680.360704). Importing this imports numba.
 """
 
@@ -118,12 +117,8 @@ def penalised(
     lengths. Returned are the coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves.
     """
     penalty, used, energy = 10.0 * power, np.empty(power.size), np.empty(power.size)
-    band, inverse, n_solves, has_settled = (
-        np.empty((right.size, DEGREE + 1)),
-        np.empty((right.size, DEGREE + 1)),
-        0,
-        False,
-    )
+    band = np.empty((right.size, DEGREE + 1))
+    inverse, n_solves, has_settled = np.empty(band.shape), 0, False
     while True:
         n_solves += 1
         coefficients = right.copy()

@@ -1,8 +1,7 @@
 """The material library: five materials, each number with its source.
 
-A material is a TOML file (see ``library/*.toml``); a laboratory's own have the same form and are
-read as well. Statuses are ``measured``, ``datasheet`` and ``estimate``: the five
-here are no measurement of the thesis's specimens, and a page that uses them says so.
+A material is a TOML file (see ``library/*.toml``); a laboratory's own have the same form. Statuses are ``measured``,
+``datasheet`` and ``estimate``: the five here are no measurement of the thesis's specimens.
 """
 
 from __future__ import annotations
@@ -72,20 +71,8 @@ class YieldStress:
 class Material:
     """A material with the origin of its numbers.
 
-    Attributes
-    ----------
-    name, summary : str
-        Of the material.
-    prony : Prony
-        At the reference temperature.
-    entries : tuple of Entry
-        Poisson's ratio, density, relaxed modulus, spectrum, shift law.
-    T_ref : float [degC]
-        Reference temperature.
-    law : ShiftLaw
-        About the reference temperature.
-    yield_stress : YieldStress or None
-        None where none is known, as of a rubber.
+    ``prony`` is at the reference temperature ``T_ref`` [degC], about which the ``law`` is; ``entries`` are the numbers
+    of its file; ``yield_stress`` is None where none is known, as of a rubber.
     """
 
     name: str
@@ -317,16 +304,9 @@ class _Reader:
 
 @dataclass(frozen=True, slots=True)
 class Thermal:
-    """Thermal properties of a solid.
+    """Thermal properties of a solid: density [kg/m3], heat capacity [J/(kg K)], conductivity [W/(m K)].
 
-    Attributes
-    ----------
-    density : float [kg/m3]
-    heat_capacity : float [J/(kg K)]
-        At constant pressure.
-    conductivity : float [W/(m K)]
-    source, status : str
-        Where the numbers come from: measured, datasheet or estimate.
+    ``source`` and ``status`` (measured, datasheet or estimate) say where the numbers come from.
     """
 
     density: float
@@ -344,8 +324,7 @@ class Thermal:
         return self.conductivity / (self.density * self.heat_capacity)
 
 
-# Heat capacity [J/(kg K)] and conductivity [W/(m K)]: typical values of handbooks at room temperature; grades
-# differ by a tenth and more.
+# Heat capacity [J/(kg K)] and conductivity [W/(m K)]; grades differ by a tenth and more.
 _HANDBOOK = "typical value of handbooks at 23 degC; the density is that of the library"
 _KNOWN = {
     "nbr": (1950.0, 0.25),
@@ -357,12 +336,7 @@ _KNOWN = {
 
 
 def thermal(name: str) -> Thermal:
-    """Return the thermal properties of a material of the library.
-
-    Raises
-    ------
-    InputError
-        There are none of that name.
+    """Return the thermal properties of a material of the library; InputError where there are none of that name.
 
     Examples
     --------

@@ -39,17 +39,10 @@ _STEPS, _WEAK = 3, 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Relaxation:
-    """Relaxation family: E(t) = relaxed + Σ weight exp(−t/time), and a parallel dashpot.
+    """Relaxation family: E(t) = relaxed + Σ weight exp(−t/time), and a parallel dashpot, in SI units.
 
-    Attributes
-    ----------
-    relaxed : float [Pa]
-        Long-time modulus; 0 for a liquid.
-    weight : array (term,) [Pa]
-    time : array (term,) [s]
-        Relaxation times, ascending.
-    viscosity : float [Pa s]
-        Dashpot in parallel with everything; not zero only when the instantaneous compliance is.
+    ``relaxed`` is 0 for a liquid; ``time`` (term,) ascends; ``viscosity`` is not zero only when the instantaneous
+    compliance is.
     """
 
     relaxed: float
@@ -60,17 +53,10 @@ class Relaxation:
 
 @dataclass(frozen=True, slots=True)
 class Retardation:
-    """Retardation family: J(t) = unrelaxed + Σ weight (1 − exp(−t/time)) + fluidity t.
+    """Retardation family: J(t) = unrelaxed + Σ weight (1 − exp(−t/time)) + fluidity t, in SI units.
 
-    Attributes
-    ----------
-    unrelaxed : float [1/Pa]
-        Instantaneous compliance; 0 for a material without an instantaneous answer.
-    weight : array (term,) [1/Pa]
-    time : array (term,) [s]
-        Retardation times, ascending.
-    fluidity : float [1/(Pa s)]
-        Flow at long times; not zero only when the relaxed modulus is zero.
+    ``unrelaxed`` is 0 for a material without an instantaneous answer; ``time`` (term,) ascends; ``fluidity`` is not
+    zero only when the relaxed modulus is.
     """
 
     unrelaxed: float
@@ -99,12 +85,6 @@ def creep_from_relaxation(family: Relaxation) -> Retardation:
     """Convert relaxation terms, positive over distinct ascending times (:func:`merged`), to retardation terms.
 
     There is one per interlaced gap. A relaxed modulus of zero gives one term fewer and a flow.
-
-    Examples
-    --------
-    >>> solid = Relaxation(1.0, np.array([1.0]), np.array([2.0]))
-    >>> creep_from_relaxation(solid)
-    Retardation(unrelaxed=0.5, weight=array([0.5]), time=array([4.]), fluidity=0.0)
     """
     time = family.time
     offset = (time[:, None] - time[None, :]) / time[None, :]
@@ -123,12 +103,6 @@ def relaxation_from_creep(family: Retardation) -> Relaxation:
     """Convert retardation terms, positive over distinct ascending times (:func:`merged`), to relaxation terms.
 
     There is one per interlaced gap. An unrelaxed compliance of zero gives one term fewer and a parallel dashpot.
-
-    Examples
-    --------
-    >>> solid = Retardation(0.5, np.array([0.5]), np.array([4.0]))
-    >>> relaxation_from_creep(solid)
-    Relaxation(relaxed=1.0, weight=array([1.]), time=array([2.]), viscosity=0.0)
     """
     time = family.time[::-1]
     # Ratios of rates are ratios of times upside down, so that no rate is rounded.

@@ -1,9 +1,8 @@
 r"""Consistency of storage and loss modulus by the Kramers-Kronig relations.
 
-Causality ties E′(ω) and E″(ω): one non-negative spectrum must describe both. The test fits the
-spectrum to one modulus alone, predicts the other, and compares the misfit of a common fit with
-the misfit of either modulus alone. A material that slips, a clamp that yields, a phase that
-is delayed, or sweeps that time-temperature superposition should not have joined show up here.
+Causality ties E′(ω) and E″(ω): one non-negative spectrum must describe both. It is fitted to one modulus alone,
+predicts the other, and the misfit of a common fit is compared with those of either alone. A material that slips, a
+clamp that yields, a delayed phase, or sweeps that do not superpose show up here.
 
 References
 ----------
@@ -38,18 +37,11 @@ _LEAST_POINTS = 8
 
 @dataclass(frozen=True, slots=True)
 class KramersKronig:
-    """Verdict of the cross-prediction.
+    """Verdict of the cross-prediction, with its reason in one sentence.
 
-    Attributes
-    ----------
-    verdict : {"pass", "warn", "fail"}
-    ratio : float
-        Larger of the two ratios of misfits (common fit over own fit).
-    reason : str
-        One sentence for the report.
-    error_of_loss, error_of_storage : float
-        Root mean square relative error of the modulus predicted from the other one, in the
-        middle of the window.
+    ``ratio`` is the larger of the two ratios of misfits (common fit over own fit); ``error_of_loss`` and
+    ``error_of_storage`` are the root mean square relative errors of the modulus predicted from the other one, in the
+    middle of the window.
     """
 
     verdict: Verdict

@@ -1,10 +1,8 @@
 """Tables and curves of a converged superposition, with the independent changes that its uncertainty allows.
 
-The covariance of a fit is that of some thirty weights and twenty outer parameters. A prediction
-needs it in a form that a simulation can take: independent *modes*, each one standard uncertainty of the
-whole curve. The changes of weights, shifts, vertical law and delay belong together, so a mode holds the
-change of the curve and of the shifts of all isotherms; at another temperature than the reference they
-partly cancel.
+A prediction needs the covariance of a fit in a form that a simulation can take: independent *modes*, each one standard
+uncertainty of the whole curve. A mode holds the change of the curve and of the shifts of all isotherms; at another
+temperature than the reference they partly cancel.
 """
 
 import numpy as np

@@ -3,10 +3,9 @@ r"""Master curves by time-temperature superposition, with uncertainties and warn
 Convention: E(ω, T) = b_T E(a_T ω, T_ref). The horizontal factor a_T exceeds one below the
 reference temperature; the vertical factor b_T is one there.
 
-One joint fit finds all shifts and one non-negative spectrum from both moduli. Chained pairwise
-shifts accumulate errors and know no covariance; the joint fit does neither. The limits of the data
-are stated: the standard deviation of every shift, the overlap of every pair, the agreement
-of the starts, the Kramers-Kronig verdict, and which terms lie outside the covered window.
+One joint fit finds all shifts and one non-negative spectrum from both moduli. The limits of the data are stated: the
+standard deviation of every shift, the overlap of every pair, the agreement of the starts, the Kramers-Kronig verdict,
+and which terms lie outside the covered window.
 """
 
 from __future__ import annotations

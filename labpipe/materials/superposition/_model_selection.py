@@ -71,8 +71,7 @@ _DELAY = 5e-5
 class Options:
     """Choices of the user; of several ``verticals``, and of ``delay`` None, the criterion chooses.
 
-    ``moduli_per_parameter``, ``least_noise``: of tests over time, whose moduli come from few terms, have errors in
-    common, and are known as well as the curve over time.
+    ``moduli_per_parameter``, ``least_noise``: of tests over time, whose moduli come from few terms.
     """
 
     verticals: tuple[Vertical, ...] = ("none",)
@@ -389,10 +388,7 @@ def _with_model_uncertainty(points: Points, found: Superposition, options: Optio
 
 
 def free_shifts_gain(points: Points, found: Superposition) -> float:
-    """Return the F statistic of replacing the shift law by free shifts.
-
-    About one when the law holds; large when it does not.
-    """
+    """Return the F statistic of replacing the shift law by free shifts, about one when the law holds."""
     law, shifts = found.model, found.fit.state.log10_aT
     expected = expected_shifts(law.temperature, shifts)
     free = replace(law, horizontal="free", given=shifts - shifts[law.reference], expectation=expected)

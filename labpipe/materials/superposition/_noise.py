@@ -1,11 +1,9 @@
 """Noise of storage and loss modulus, and the lack of fit of the model.
 
-Left to the residuals alone, the ratio of the two noise levels can run away: when superposition
-does not hold exactly, one modulus is fitted ever better while all misfit is called noise of the
-other. So the scatter of every sweep about its own smooth curve, which needs no superposition,
-gives the noise (pure error); residuals beyond it are a lack of fit of the model, which counts the
-same (relative) in both moduli. Where both levels of the residuals lie within the uncertainty of the
-scatter, of few readings, there is no lack of fit to share out, and the residuals decide.
+Left to the residuals alone, the ratio of the two noise levels can run away: one modulus is fitted ever better while all
+misfit is called noise of the other. So the scatter of every sweep about its own smooth curve, which needs no
+superposition, gives the noise (pure error); residuals beyond it are a lack of fit of the model, the same (relative) in
+both moduli. Where both levels lie within the uncertainty of the scatter, the residuals decide.
 """
 
 from dataclasses import dataclass

@@ -59,10 +59,9 @@ class State:
 def expected_shifts(temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:
     """Return prior knowledge of shifts: a weak quadratic pull, rows @ log10_aT − target, around the present ones.
 
-    Steps are those of polymers (within a factor of several), and they change gradually with
-    temperature (within about half). Where the data determine a shift to 0.03 decades the pull is
-    below a thousandth of that; where they say nothing, as in a stiff glass, it leaves the shift
-    on the continuation of its neighbours with an uncertainty of about a decade.
+    Steps are those of polymers (within a factor of several), and they change gradually with temperature (within about
+    half). Where the data say nothing, as in a stiff glass, the pull leaves a shift on the continuation of its
+    neighbours with an uncertainty of about a decade; where they determine it, it is without effect.
     """
     order = np.argsort(temperature, kind="stable")
     count = temperature.size

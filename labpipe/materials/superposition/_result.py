@@ -40,15 +40,11 @@ class MasterCurve(ShownAsTable):
         The vertical law that was used. With "rho_T" of several, b_T holds the fall of the density too.
     delay, u_delay : float [s]
         Delay of the instrument's phase; zero when none was needed.
-    law : ShiftLaw
-        The law that was asked for, or the better of WLF and Arrhenius through the free shifts; ``law.holds``
-        is False where it does not describe them, and the shifts then count without a law.
-    laws : dict of str to ShiftLaw
-        Both laws through the shifts, with their ``chi_square`` and ``freedom``.
-    prony : Prony
-        The material at T_ref.
-    terms : Dataset over ``term``
-        ``E``, ``rho``, ``C``, ``tau`` and ``extrapolated`` (outside the covered window).
+    law, laws : ShiftLaw, dict of str to ShiftLaw
+        The law that was asked for, or the better of WLF and Arrhenius through the free shifts; ``law.holds`` is False
+        where it does not describe them, and the shifts then count without a law. Both laws through the shifts.
+    prony, terms : Prony, Dataset over ``term``
+        The material at T_ref; ``E``, ``rho``, ``C``, ``tau`` and ``extrapolated`` (outside the covered window).
     kramers_kronig : KramersKronig
     data : Dataset over (``temperature``, ``frequency``)
         ``reduced_frequency``, ``storage_reduced``, ``loss_reduced`` (delay and b_T removed),
@@ -58,13 +54,11 @@ class MasterCurve(ShownAsTable):
     modes : Dataset over ``mode``
         The uncertainty of curve and shifts, as independent changes.
     overlap : Dataset over ``pair``
-        Neighbouring temperatures, their step, its uncertainty, the overlap in decades, and
-        ``determined``, True where the data determine the step.
+        Neighbouring temperatures, their step, its uncertainty, the overlap in decades, and whether it is determined.
     noise : dict
         Relative noise of ``storage`` and ``loss`` as found from the residuals.
-    verdict : Verdict
-        On time-temperature superposition: pass, doubtful, or fail, with the reasons.
-    warnings : tuple of str
+    verdict, warnings : Verdict, tuple of str
+        On time-temperature superposition: pass, doubtful, or fail, with the reasons; limits of the result.
     work : dict
         Counts for the ledger: isotherms, points, terms.
     """

@@ -21,8 +21,6 @@ Mode = Literal["tension", "bending", "shear", "torsion"]
 _NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
 _SAME_FREQUENCY = 1e-3  # relative; exports round to four or five digits
 _UNTRUSTED = ("ME-",)  # the torque was too small for a reading
-
-
 _LETTER = r"(?<![A-Za-z]){}(?:pp?|['′″’\"]+)?(?![A-Za-z])"
 _LOADINGS = {
     "shear": re.compile("(?i:shear|scher|cisail|cisalh|cizall|torsion)|" + _LETTER.format("G")),
@@ -169,13 +167,7 @@ def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
 
 
 def trusted_rows(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
-    """Return the rows of the valid points of every table of rheometer readings.
-
-    Raises
-    ------
-    InputError
-        A column is missing.
-    """
+    """Return the rows of the valid points of every table of rheometer readings; InputError if a column is missing."""
     _check_columns(dataset)
     good = _trusted(dataset)
     return [rows[good[rows]] for rows in _tables(dataset)]
@@ -241,7 +233,6 @@ def _tabulated(sweeps: Sequence[pd.DataFrame], factor: float, mode: str, nu: flo
             "mode": mode,
             "nu": nu,
             "modulus_factor": factor,
-            "excluded_points": excluded,
             "work": json.dumps({"isotherms": len(sweeps), "points": len(table) - excluded}),
         },
     )

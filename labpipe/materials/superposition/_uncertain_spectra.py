@@ -1,8 +1,7 @@
 """The uncertainty of a material from a master curve, as a few solids that differ by one standard uncertainty each.
 
-A stored master curve holds independent changes of curve and shifts (modes). Here each becomes an admissible
-solid (no weight below zero) at the temperature and for the times of a prediction. Outside the covered window
-the data say nothing; there a solid lets the loss go on as it ends.
+A stored master curve holds independent changes of curve and shifts (modes). Each becomes an admissible solid (no weight
+below zero) for a prediction. Outside the covered window, of which the data say nothing, the loss goes on as it ends.
 """
 
 import numpy as np

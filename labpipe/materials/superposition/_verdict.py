@@ -1,9 +1,8 @@
 """The verdict on a master curve, and the warnings on its validity, one sentence each.
 
-Storage and loss may obey Kramers and Kronig although the sweeps do not superpose, and a fit may
-follow the sweeps to their scatter although its vertical factors are those of no material. So the
-verdict asks for all of it: residuals against the scatter and in absolute terms, causality, and the
-vertical law.
+Storage and loss may obey Kramers and Kronig although the sweeps do not superpose, and a fit may follow the sweeps with
+vertical factors of no material: residuals against the scatter and in absolute terms, causality, and the vertical law
+all count.
 """
 
 from collections.abc import Iterator
@@ -34,14 +33,7 @@ _LAW_HOLDS = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on time-temperature superposition.
-
-    Attributes
-    ----------
-    level : {"pass", "doubtful", "fail"}
-    reasons : tuple of str
-        All reasons against it, one sentence each; empty for a pass.
-    """
+    """Verdict on time-temperature superposition, with all reasons against it, one sentence each."""
 
     level: Level
     reasons: tuple[str, ...]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from labpipe import signals
 from labpipe.arrays import Complexes, Flags, Floats
 from labpipe.errors import InputError
-from labpipe.signals import common_fit, quantisation_step
+from labpipe.signals import common_fit
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
@@ -116,11 +116,9 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
         at = mach1_readings.force_lag(loads, f)
         return 1.0 + 0.0j if at is None else at.gain * complex(np.exp(-1j * at.phase))
 
-    # A fast stage skips so many steps that they do not show; the file's decimals remain.
-    steps = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL), float(loads.attrs["resolution"])
     lag = mach1_readings.force_lag(loads, window.frequency)
     passed = response if lag else None
-    fit = common_fit(time[used], position[used], force[used], window.frequency, response=passed, resolutions=steps)
+    fit = common_fit(time[used], position[used], force[used], window.frequency, response=passed)
     x, f, storage, loss = fit.position, fit.force, fit.storage_stiffness, fit.loss_stiffness
     u_filter = (lag.u_gain / lag.gain, lag.u_phase) if lag else (0.0, 0.0)
     u_gain = float(np.hypot(u_filter[0], mach1_readings.relative_gain(loads)))

@@ -22,9 +22,6 @@ from pipelines.experiments.shared.exclusions import EXCLUDED, left_out, without_
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import named_columns
 
-LAST_DECIMAL = 1e-9
-"""Last decimal of a position in m: every file has six of a millimetre."""
-
 _STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier"}
 _APPROACH = "Find Contact"
 _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first

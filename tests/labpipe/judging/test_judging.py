@@ -15,11 +15,13 @@ from labpipe.judging import (
     explain,
     fitted_errors,
     from_json,
+    in_words,
     judge,
     model_verdict,
     not_made,
     stated,
     to_json,
+    too_large,
 )
 
 G = 9.81
@@ -104,7 +106,7 @@ def test_a_check_of_five_recordings_is_one_row_with_its_worst_margin():
     assert row.summary.startswith("passed in 5 of 5 recordings, worst margin ")
     assert float(row.summary.split()[-2]) == pytest.approx(max(abs(c.margin) for c in found), abs=0.05)
     (row,) = judge([*found[:4], wrong]).rows
-    assert (row.level, row.worst.recording) == ("impossible", "drop_4.csv")
+    assert (row.worst.level, row.worst.recording) == ("impossible", "drop_4.csv")
     assert row.summary.startswith("impossible in 1 of 5 recordings")
 
 
@@ -185,7 +187,7 @@ def test_verdicts_of_models():
 def test_a_detectable_error_is_shown_as_often_as_said():
     random = np.random.default_rng(4)
     C, s = shared(5, 1.0, 0.5), np.array([1.0, 2.0, 0.0, -1.0, 0.5])
-    error = float(detectable(s, C)[0])
+    error = float(detectable(s[:, None], C)[0])
     limit = stats.chi2.isf(0.05, 5)
     root = np.linalg.cholesky(C)
     shown = np.mean([agreement(root @ random.normal(size=5) + error * s, C).chi2 > limit for _ in range(1000)])
@@ -230,3 +232,17 @@ def test_of_a_dense_list_a_usual_factor_is_not_met_by_chance(slack, named):
     seen = [compared("fringes", "", 1.1, 1e-3, 1.0, 1e-3)]
     cause = Cause({"fringes": 1.0}, "{:.3f}".format, (1.07, 1.16), slack=slack)
     assert explain(seen, [cause])[0].sentence == named
+
+
+def test_factors_are_written_without_an_exponent():
+    assert [in_words(210.3, 2), in_words(1e6), in_words(0.00012345), in_words(2.0)] == [
+        "210",
+        "1,000,000",
+        "0.000123",
+        "2",
+    ]
+    assert [too_large(k) for k in (1e3, 0.5, 0.9996)] == [
+        "1000 times too large",
+        "too small by a factor of 2",
+        "0.04 % too small",
+    ]

@@ -34,7 +34,7 @@ def test_limits_of_agreement_hold_95_percent_of_new_differences():
     for _ in range(400):
         first = random.standard_normal(40)
         difference = 0.3 + 0.5 * random.standard_normal(40)
-        found = agreement(first, first - difference, n_effective=40)
+        found = agreement(first, first - difference)
         new = 0.3 + 0.5 * random.standard_normal(200)
         held.append(np.mean((new > found.low) & (new < found.high)))
         biases.append(abs(found.bias - 0.3) < STUDENT * found.u_bias)

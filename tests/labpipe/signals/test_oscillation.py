@@ -57,20 +57,6 @@ def test_uncertainties_hold_for_residuals_with_memory(memory):
     assert np.all((spread > 0.75) & (spread < 1.3)), spread
 
 
-def test_rounding_counts_where_it_repeats_in_every_cycle():
-    """Spread of error over u was 1.0 to 1.2; without the step up to 4.4."""
-    random = np.random.default_rng(0)
-    step, time = 0.01, np.arange(0.0, 60.0, 0.05)
-    z = []
-    for _ in range(60):
-        offset, phase = random.uniform(0, step), random.uniform(-3, 3)
-        curve = np.sin(2 * np.pi * 0.0998 * time + phase) + offset
-        fit = fit_sinusoid(time, step * np.round(curve / step), 0.1, resolution=step)
-        z.append([(fit.amplitude - 1) / fit.u_amplitude, (fit.frequency - 0.0998) / fit.u_frequency])
-    spread = np.sqrt(np.mean(np.square(z), axis=0))
-    assert np.all((spread > 0.75) & (spread < 1.3)), spread
-
-
 @pytest.mark.parametrize("lag", [0.0, 0.02, 0.5])
 def test_stiffness_and_lag_of_a_lossy_solid_behind_a_filter(lag):
     random = np.random.default_rng(0)
