@@ -68,8 +68,8 @@ def read(path: Path, kind: type[S]) -> S:
 class Checker:
     """Converts values to the types of their fields and reports mistakes.
 
-    ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are still to
-    come are listed there and are no mistakes; other mistakes are reported all the same. ``laboratory`` is the folder
+    ``may_wait`` takes names of files that are not there yet. With ``gaps``, values that are still to
+    come stand there with their lines and are no mistakes; other mistakes are reported all the same. ``laboratory`` is the folder
     of the laboratory's file, from which the files that it names are found. ``names`` are the experiments that one of
     them, ``own``, may refer to.
     """
@@ -77,7 +77,7 @@ class Checker:
     document: Document
     root: Path
     may_wait: bool = False
-    gaps: list[str] | None = None
+    gaps: dict[str, int] | None = None
     laboratory: Path | None = None
     names: Collection[str] | None = None
     own: str = ""
@@ -110,7 +110,7 @@ class Checker:
     def value(self, kind: Any, value: Any, place: Place) -> Any:
         """Convert one value to the type of its field."""
         if self.gaps is not None and is_gap(value):
-            self.gaps.append(self.document.at(place, f"to be filled in: {describe(kind)}"))
+            self.gaps[self.document.at(place, f"to be filled in: {describe(kind)}")] = self.document.line(place)
             return _BAD
         bare, _ = split(kind)
         if typing.get_origin(bare) in (Union, types.UnionType):
@@ -218,7 +218,8 @@ class Checker:
                 is_short = place_on_disk.stat().st_size <= LARGEST_FILE
                 lines = place_on_disk.read_text("utf-8").splitlines() if is_short else []
                 matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
-                self.gaps += [f"{value}:{number}: {match[1]}: to be filled in" for number, match in matches if match]
+                line = self.document.line(place)
+                self.gaps |= {f"{value}:{number}: {match[1]}: to be filled in": line for number, match in matches if match}
         return value
 
 
