@@ -92,7 +92,7 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct]) -> tuple[St
         for name in stage.inputs:
             if name.startswith((FILE, OTHER)):
                 fields.append(name.partition(":")[2].partition("/")[0])
-            elif name not in by_name or by_name[name].output == "page":
+            elif name not in by_name:
                 problems.append(f'stage "{stage.name}": unknown input "{name}"{suggest(name, by_name)}')
         absent = [name for name in fields if not _has_field(settings, name)]
         problems += [f'stage "{stage.name}": the settings have no field "{name}"' for name in absent]
