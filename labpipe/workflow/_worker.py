@@ -146,7 +146,9 @@ class _Run:
         except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             # Unless it is one of ours, the mistake is the step's, not a record's.
-            ours = error if isinstance(error, LabpipeError) else StageError(f"unexpected {type(error).__name__}: {error}")
+            ours = (
+                error if isinstance(error, LabpipeError) else StageError(f"unexpected {type(error).__name__}: {error}")
+            )
             return Outcome(
                 *task.id,
                 FAILED,

@@ -68,10 +68,9 @@ def read(path: Path, kind: type[S]) -> S:
 class Checker:
     """Converts values to the types of their fields and reports mistakes.
 
-    ``may_wait`` takes names of files that are not there yet. With ``gaps``, values that are still to
-    come stand there with their lines and are no mistakes; other mistakes are reported all the same. ``laboratory`` is the folder
-    of the laboratory's file, from which the files that it names are found. ``names`` are the experiments that one of
-    them, ``own``, may refer to.
+    ``may_wait`` takes names of files that are not there yet. In ``gaps`` values that are still to come stand with their
+    lines, and are no mistakes. ``laboratory`` is the folder of the laboratory's file, from which the files that it
+    names are found. ``names`` are the experiments that one of them, ``own``, may refer to.
     """
 
     document: Document
@@ -219,7 +218,9 @@ class Checker:
                 lines = place_on_disk.read_text("utf-8").splitlines() if is_short else []
                 matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
                 line = self.document.line(place)
-                self.gaps |= {f"{value}:{number}: {match[1]}: to be filled in": line for number, match in matches if match}
+                self.gaps |= {
+                    f"{value}:{number}: {match[1]}: to be filled in": line for number, match in matches if match
+                }
         return value
 
 
