@@ -126,9 +126,9 @@ def read(path: Path) -> xr.Dataset:
         _check_trailer(path)
         with netCDF4.Dataset(path) as handle:
             _check_sizes(path, handle)
+            source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
             # packed values and times of other programs are not converted
-            lazy = xr.open_dataset(xr.backends.NetCDF4DataStore(handle), mask_and_scale=False, decode_times=False)
-            found = lazy.load().drop_encoding()
+            found = xr.open_dataset(source, mask_and_scale=False, decode_times=False).load().drop_encoding()
     except StoreError:
         raise
     except Exception as error:

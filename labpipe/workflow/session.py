@@ -283,7 +283,7 @@ class _Tables:
     defaults: Mapping[str, dict[str, Any]]
     experiments: Mapping[str, dict[str, Any]]
     variants: Mapping[str, dict[str, Any]]
-    laboratory: dict[Place, dict[str, Any]] = field(default_factory=dict)
+    laboratory: dict[Place, dict[str, Any]] = field(init=False, default_factory=dict)
 
     def read_laboratory(self, root: Path) -> None:
         """Read the laboratory's file, where the session names one.
