@@ -16,8 +16,8 @@ _KEPT = 1 << 26
 class Window:
     """A memory-mapped file from which nothing beyond its end can be read.
 
-    Pages that were read (:meth:`note_use`) are given back to the system now and then, so that going through a large
-    file does not fill this process's memory. Raises SourceError where it is missing, unreadable or empty.
+    Going through a large file does not fill the memory: pages that were read (:meth:`note_use`) are given back to the
+    system now and then. Raises SourceError where the file is missing, unreadable or empty.
     """
 
     def __init__(self, path: Path) -> None:
@@ -38,20 +38,14 @@ class Window:
         return int(self.bytes.size)
 
     def note_use(self, length: int) -> None:
-        """Count bytes that were looked at; give the pages back when there were many.
-
-        The system still holds them as long as it has room, and arrays made of them stay valid.
-        """
+        """Count bytes that were looked at; of many give the pages back, after which arrays made of them stay valid."""
         self._used += length
         if self._used > _KEPT and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
             self._used = 0
 
     def field(self, layout: str, offset: int, what: str) -> int | float:
-        """Read one little-endian number at an offset [bytes], by a letter of :mod:`struct`.
-
-        The last argument names the field in the message where it is outside the file.
-        """
+        """Read a little-endian number, by a letter of :mod:`struct`, at an offset [bytes]; errors name it ``what``."""
         (value,) = struct.unpack("<" + layout, self.take(offset, struct.calcsize(layout), what))
         return value
 

@@ -10,7 +10,6 @@ import hashlib
 import os
 import re
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable
 from functools import cache, partial
@@ -27,15 +26,9 @@ _ROOM = 50_000_000
 
 
 def cache_folder() -> Path:
-    """Folder of the user for files that can be made again: ``$XDG_CACHE_HOME/labpipe``, or the system's equivalent."""
-    home = Path(os.path.expanduser("~"))  # noqa: PTH111 (Path.home raises where there is none)
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData/Local")
-    elif sys.platform == "darwin":
-        base = home / "Library/Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    return base / "labpipe"
+    """Folder of the user for files that can be made again: ``$XDG_CACHE_HOME/labpipe``, or ``~/.cache/labpipe``."""
+    # Path.home raises where there is none
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "labpipe")  # noqa: PTH111
 
 
 @cache

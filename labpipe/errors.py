@@ -73,15 +73,9 @@ class SourceError(LabpipeError):
 
     def __str__(self) -> str:
         """Format as ``file:line:column: message`` with the hint on a line of its own."""
-        where = self.path
-        if self.line is not None:
-            where += f":{self.line}"
-            if self.column is not None:
-                where += f":{self.column}"
-        if self.offset is not None:
-            where += f" at byte {self.offset}"
-        text = f"{where}: {self.message}"
-        return f"{text}\n  {self.hint}" if self.hint else text
+        where = ":".join(str(part) for part in (self.path, self.line, self.column) if part is not None)
+        where += f" at byte {self.offset}" if self.offset is not None else ""
+        return f"{where}: {self.message}" + (f"\n  {self.hint}" if self.hint else "")
 
 
 class ConfigError(LabpipeError):

@@ -162,10 +162,7 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
 
 
 def digest(path: str | os.PathLike[str]) -> str:
-    """Return the SHA-256 of a file's content in hexadecimal.
-
-    A folder's is that of the names and digests of all files in it, so a film that is stored as a
-    folder of images has one too.
+    """Return the SHA-256 of a file's content in hexadecimal; of a folder that of the names and digests of its files.
 
     Raises SourceError: the file cannot be read.
     """
@@ -262,28 +259,33 @@ def _flush(path: Path) -> None:
         os.close(handle)
 
 
+_REFUSED = "no permission to write there; check the folder's owner and whether it is read-only"
+_IN_THE_WAY = "a file stands where a folder is needed; move it away, or choose another place"
+_WHY = {
+    errno.EACCES: _REFUSED,
+    errno.EPERM: _REFUSED,
+    errno.EROFS: _REFUSED,
+    errno.EEXIST: _IN_THE_WAY,
+    errno.ENOTDIR: _IN_THE_WAY,
+    errno.ENAMETOOLONG: "the path is too long for this file system; move the session to a shorter path",
+    errno.EFBIG: "{needed} bytes are needed, more than the limit on the size of a file allows",
+    errno.ENOSPC: "no space left: {needed} bytes are needed, {free} are free; make room there",
+    errno.EDQUOT: "no space left: {needed} bytes are needed, {free} are free; make room there",
+}
+
+
 def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
     """Say why a file could not be written, in terms that the user can act on."""
+    free = None
+    with contextlib.suppress(OSError):  # a share that went away has no free space to report
+        free = free_bytes(path)
     number = error.errno if isinstance(error, OSError) else None
-    # HDF5 reports a limit on the size of files as a missing permission.
-    is_hdf = number == errno.EACCES and os.access(path.parent, os.W_OK)
-    if number in (errno.EACCES, errno.EPERM, errno.EROFS) and not is_hdf:
-        why = "no permission to write there; check the folder's owner and whether it is read-only"
-    elif number == errno.EFBIG:
-        why = f"{needed} bytes are needed, more than the limit on the size of a file allows"
-    elif number in (errno.EEXIST, errno.ENOTDIR):
-        why = "a file stands where a folder is needed; move it away, or choose another place"
-    elif number == errno.ENAMETOOLONG:
-        why = "the path is too long for this file system; move the session to a shorter path"
-    else:
-        free = None
-        with contextlib.suppress(OSError):  # a share that went away has no free space to report
-            free = free_bytes(path)
-        if number in (errno.ENOSPC, errno.EDQUOT) or (free is not None and free < needed):
-            why = f"no space left: {needed} bytes are needed, {free} are free; make room there"
-        else:
-            why = f"{needed} bytes could not be written ({error}); is the disk there and not full?"
-    return StorageError(f"{path}: {why}")
+    # HDF5 reports a limit on the size of files as a missing permission, and a full disk with no number.
+    is_hdf = number is None or (number == errno.EACCES and os.access(path.parent, os.W_OK))
+    if is_hdf or number not in _WHY:
+        number = errno.ENOSPC if free is not None and free < needed else None
+    other = "{needed} bytes could not be written ({error}); is the disk there and not full?"
+    return StorageError(f"{path}: {_WHY.get(number or 0, other).format(needed=needed, free=free, error=error)}")
 
 
 # --- locks -----------------------------------------------------------------------------------
@@ -367,9 +369,6 @@ def _sealed(body: bytes) -> bytes:
 # --- digests, kept as long as a file is the same ------------------------------------------------
 
 
-_Known = dict[str, tuple[list[int], str]]
-
-
 class HashIndex:
     """Digests of files, remembered in an index as long as their stamps stay the same; a damaged index is empty.
 
@@ -379,8 +378,8 @@ class HashIndex:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
-        self._known: _Known | None = None  # read when it is first asked for: most who open a store read one result
-        self._fresh: _Known = {}
+        self._known: dict[str, list[Any]] | None = None  # read when it is first asked for
+        self._fresh: dict[str, list[Any]] = {}
 
     def digest(self, path: str | os.PathLike[str]) -> str:
         """Return the SHA-256 of a file or folder; see :func:`labpipe.digest`."""
@@ -393,16 +392,14 @@ class HashIndex:
         except OSError as error:
             raise SourceError(source, f"cannot be read: {error.strerror}") from error
         stamp = [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
-        known = self._fresh.get(name)
-        if known is None:
-            self._known = self._load() if self._known is None else self._known
-            known = self._known.get(name)
-        if known is not None and known[0] == stamp:
-            return known[1]
+        self._known = self._load() if self._known is None else self._known
+        known = self._fresh.get(name) or self._known.get(name) or [None]
+        if known[:-1] == stamp:
+            return str(known[-1])
         found = digest(source)
         # within two seconds a file may change again without another stamp
         if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) > 2_000_000_000:
-            self._fresh[name] = stamp, found
+            self._fresh[name] = [*stamp, found]
         return found
 
     def save(self) -> None:
@@ -412,15 +409,16 @@ class HashIndex:
         # The index only saves time: where it cannot be kept, the next call reads again.
         with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
             self._known = self._load() | self._fresh
-            write_bytes(self._path, seal({name: [*stamp, found] for name, (stamp, found) in self._known.items()}))
+            write_bytes(self._path, seal(self._known))
             self._fresh = {}
 
-    def _load(self) -> _Known:
+    def _load(self) -> dict[str, list[Any]]:
         try:
             found = unseal(self._path.read_bytes())
-            return {name: (stamp, digest) for name, (*stamp, digest) in found.items()}
-        except (OSError, AttributeError, TypeError, ValueError):  # absent, damaged, or another record of ours
+        except OSError:
             return {}
+        is_ours = isinstance(found, dict) and all(isinstance(one, list) and one for one in found.values())
+        return found if is_ours else {}
 
 
 # --- names from untrusted text -------------------------------------------------------------------
@@ -435,9 +433,7 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
 
     The path returned is resolved; it need not exist.
 
-    Raises InputError: the name is empty, absolute, contains ``..``, a backslash, a control or direction character, a
-    name that Windows reserves, or a component beyond 255 bytes; or a symbolic link on the way leads out of the folder
-    or in a circle.
+    Raises InputError: for the name see :func:`name_problem`, or a symbolic link leads out of the folder or in a circle.
 
     Examples
     --------
@@ -467,24 +463,19 @@ def name_problem(name: str) -> str | None:
         (re.match(r"^(/|~|[A-Za-z]:)", name), "it is absolute; write it relative to the session folder"),
     ]
     for part in PurePosixPath(name).parts:
+        is_long = len(part.encode("utf-8", "replace")) > _LONGEST_NAME
         faults += [
             (part == "..", 'it contains ".."'),
             (_RESERVED.match(part), f'"{part}" is reserved on Windows'),
             (part.endswith((" ", ".")), f'"{part}" ends with a space or a full stop, which Windows drops'),
             (any(c in '<>:"|?*' for c in part), f'"{part}" contains one of < > : " | ? *, which Windows forbids'),
-            (
-                len(part.encode("utf-8", "replace")) > _LONGEST_NAME,
-                f"a part of it is longer than {_LONGEST_NAME} bytes",
-            ),
+            (is_long, f"a part of it is longer than {_LONGEST_NAME} bytes"),
         ]
     return next((text for is_so, text in faults if is_so), None)
 
 
 def _link_problem(joined: Path, base: Path) -> str | None:
-    """Say where links lead that must not be followed.
-
-    A circle shows in ``stat``; the result of ``resolve`` depends on the version of Python.
-    """
+    """Say where links lead that must not be followed."""
     try:
         joined.stat()
     except FileNotFoundError:
@@ -494,8 +485,7 @@ def _link_problem(joined: Path, base: Path) -> str | None:
         pass  # for the reader of the file to say
     except OSError:
         return "a symbolic link on the way leads in a circle, or the path is too long"
-    is_inside = joined.resolve().is_relative_to(base)
-    return None if is_inside else "a symbolic link leads out of the folder"
+    return None if joined.resolve().is_relative_to(base) else "a symbolic link leads out of the folder"
 
 
 def relative(path: str | os.PathLike[str], start: str | os.PathLike[str]) -> str:

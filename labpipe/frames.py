@@ -91,8 +91,7 @@ class ArrayFrames(ShownFrames):
     Parameters
     ----------
     images : array (frame, row, column)
-        Grey levels of any integer or floating type. A frame in which a level is NaN or infinite
-        counts as damaged.
+        Grey levels of any integer or floating type. A frame with a level that is NaN or infinite counts as damaged.
     time : array (frame,), optional [s]
         Defaults to the frame index.
     exposure : array (frame,) or float, optional [s]
@@ -114,9 +113,8 @@ class ArrayFrames(ShownFrames):
         count, rows, columns = images.shape
         self.shape = count, rows, columns
         self.time: Floats = np.arange(count, dtype=float) if time is None else np.asarray(time, float)
-        self.exposure: Floats | None = (
-            exposure if exposure is None else np.broadcast_to(np.asarray(exposure, float), count)
-        )
+        given = exposure if exposure is None else np.broadcast_to(np.asarray(exposure, float), count)
+        self.exposure: Floats | None = given
         largest = float(np.iinfo(str(images.dtype)).max) if images.dtype.kind in "iu" else 1.0
         self.levels = levels or (0.0, largest)
 
@@ -138,6 +136,4 @@ class ArrayFrames(ShownFrames):
 
 def as_frames(frames: "FrameSource | NDArray[np.generic]") -> FrameSource:
     """Accept a :class:`FrameSource` or a (frame, row, column) array."""
-    if isinstance(frames, np.ndarray):
-        return ArrayFrames(frames)
-    return frames
+    return ArrayFrames(frames) if isinstance(frames, np.ndarray) else frames

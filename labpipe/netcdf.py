@@ -8,7 +8,6 @@ bytes behind its end of data alone, and every netCDF program reads the file.
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -83,28 +82,11 @@ def _text(text: str) -> str:
 
 
 def write(path: Path, prepared: xr.Dataset) -> None:
-    """Write a prepared Dataset with checksums, NaN as it is, the marks that :func:`_as_written` needs, and its digest.
-
-    All is declared before the first value is stored: by xarray's own writer, which goes from variable
-    to variable, a session's small files take twice as long.
-    """
-    variables, attributes = xr.conventions.encode_dataset_coordinates(prepared)
-    with netCDF4.Dataset(os.fspath(path), "w", format="NETCDF4") as handle:
-        for dimension, length in prepared.sizes.items():
-            handle.createDimension(str(dimension), length)
-        stored = {}
-        for name, variable in variables.items():
-            kind, own = variable.dtype.kind, dict(variable.attrs)
-            if kind == "b":
-                own["dtype"] = "bool"
-            has_checksum = variable.ndim > 0 and variable.size > 0 and kind != "U"
-            form: Any = {"U": str, "b": "i1"}.get(kind, variable.dtype)
-            stored[name] = handle.createVariable(name, form, variable.dims, fletcher32=has_checksum)
-            stored[name].setncatts(own)
-        handle.setncatts(attributes)
-        handle.set_auto_maskandscale(False)
-        for name, variable in variables.items():
-            stored[name][...] = variable.values
+    """Write a prepared Dataset with checksums and NaN as it is, and its digest."""
+    form: dict[str, dict[str, Any]] = {str(name): {"_FillValue": None} for name in prepared.variables}
+    for name, variable in prepared.variables.items():
+        form[str(name)]["fletcher32"] = variable.ndim > 0 and variable.size > 0 and variable.dtype.kind != "U"
+    prepared.to_netcdf(path, engine="netcdf4", encoding=form)
     digest = _digest_before(path, path.stat().st_size)
     with path.open("ab") as stream:
         stream.write(_MARK + digest)
@@ -142,43 +124,17 @@ def read(path: Path) -> xr.Dataset:
     """Read a file whole after comparing its digest, and the declared sizes with its own."""
     try:
         _check_trailer(path)
-        with netCDF4.Dataset(os.fspath(path), "r") as handle:
+        with netCDF4.Dataset(path) as handle:
             _check_sizes(path, handle)
-            return _as_written(handle)
+            source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
+            # packed values and times of other programs are not converted
+            found = xr.open_dataset(source, mask_and_scale=False, decode_times=False).load().drop_encoding()
     except StoreError:
         raise
     except Exception as error:
         # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
         raise StoreError(f"{path}: damaged: {error}; delete it and run again") from error
-
-
-def _as_written(handle: netCDF4.Dataset) -> xr.Dataset:
-    """Read what a file holds as it is: packed values and times of other programs are not converted.
-
-    A session is some thousand small files: by xarray's own reader, which knows all conventions,
-    opening them takes longer than many a stage computes.
-    """
-    handle.set_auto_maskandscale(False)
-    attributes = _given(handle)
-    coordinates = set(str(attributes.pop("coordinates", "")).split())
-    variables = {}
-    for name, stored in handle.variables.items():
-        own = _given(stored)
-        coordinates |= set(str(own.pop("coordinates", "")).split())
-        values = np.asarray(stored[...])
-        if stored.dtype is str:
-            values = values.astype(str)
-        elif own.get("dtype") == "bool":
-            values = values.astype(bool)
-            del own["dtype"]
-        variables[name] = xr.Variable(stored.dimensions, values, own)
-    coordinates |= set(variables) & set(handle.dimensions)
-    held = {name: variables.pop(name) for name in list(variables) if name in coordinates}
-    return xr.Dataset(variables, held, attributes)
-
-
-def _given(holder: Any) -> dict[str, Any]:
-    return {name: holder.getncattr(name) for name in holder.ncattrs()}
+    return found.assign({name: one.astype(str) for name, one in found.variables.items() if one.dtype.kind == "O"})
 
 
 def _check_sizes(path: Path, handle: netCDF4.Dataset) -> None:

@@ -51,9 +51,7 @@ def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[obje
 
 
 def text_table(caption: str, rows: Iterable[Sequence[object]], *, most: int | None = _MOST_ROWS) -> str:
-    """Write a caption and rows below it, their columns aligned; control characters are left out.
-
-    Of more rows than `most` the rest is counted; None shows them all.
+    """Write a caption and aligned columns, without control characters; of more than ``most`` rows the rest is counted.
 
     Examples
     --------

@@ -210,7 +210,7 @@ def survey(path: str | os.PathLike[str], declared: Sequence[str] = ("cp1252",), 
     """Settle the codec of a text file and whether it is complete, without keeping its text.
 
     Codecs that the format declares are tried in this order, where there is no byte order mark and it is not UTF-8.
-    By default, files of up to seven times the size of the largest Mach-1 mapping set known are read.
+    The default limit is seven times the size of the largest Mach-1 mapping set known.
 
     Raises SourceError: the file is missing, empty, too large, holds a control character or a line beyond the limit, or
     none of the codecs decodes it.
@@ -221,29 +221,21 @@ def survey(path: str | os.PathLike[str], declared: Sequence[str] = ("cp1252",), 
     if size == 0:
         raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
     if size > max_bytes:
-        raise SourceError(
-            path,
-            f"the file has {size} bytes, at most {max_bytes} are read",
-            hint="A recording of this size is not read; split it.",
-        )
+        message = f"the file has {size} bytes, at most {max_bytes} are read"
+        raise SourceError(path, message, hint="A recording of this size is not read; split it.")
     marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None) or unmarked_codec(head)
-    candidates = (marked,) if marked else ("utf-8", *declared)
     failures = []
-    for encoding in candidates:
+    for encoding in (marked,) if marked else ("utf-8", *declared):
         try:
-            n_lines, is_ended = _scan(path, encoding)
+            return TextFile(path, encoding, size, *_scan(path, encoding))
         except UnicodeError as error:
             failures.append(f"{encoding} ({error})")
-            continue
-        return TextFile(path, encoding, size, n_lines, is_ended)
     if marked and marked.startswith("utf-16") and size % 2:
         message = "ends within a character of UTF-16: the file was cut off"
         raise SourceError(path, message, hint="Copy it from the instrument again.")
-    raise SourceError(
-        path,
-        f"no codec decodes the file; tried {'; '.join(failures)}",
-        hint='Give the codec it was written with, for example encoding="cp932".',
-    ).because(UNSAID)
+    message = f"no codec decodes the file; tried {'; '.join(failures)}"
+    hint = 'Give the codec it was written with, for example encoding="cp932".'
+    raise SourceError(path, message, hint=hint).because(UNSAID)
 
 
 def unmarked_codec(head: bytes) -> str | None:
@@ -273,31 +265,27 @@ def first_bytes(path: Path, count: int = 512) -> bytes:
 
 
 def _scan(path: Path, encoding: str) -> tuple[int, bool]:
-    """Count lines and refuse control characters (damage, or no text at all) and long lines.
-
-    UnicodeError when the codec does not fit.
-    """
-    n_ends = begun = 0  # line ends so far, and characters after the last one
+    """Count lines, and say whether the last one is ended; control characters (damage, or no text) are refused."""
+    n_lines, is_ended = 0, True
     with path.open(encoding=encoding, errors="strict", newline=None) as stream:
-        while piece := stream.read(_PIECE):
+        while piece := stream.read(_PIECE) + stream.readline(_LONGEST_LINE + 1):  # whole lines
             if found := _CONTROL.search(piece):
                 above = piece[: found.start()].split("\n")
                 name = "NUL" if found[0] == "\0" else shorten(found[0])
                 raise SourceError(
                     path,
                     f"the control character {name} where text was expected: the file is damaged or binary",
-                    line=n_ends + len(above),
-                    column=len(above[-1]) + 1 + (0 if above[1:] else begun),
+                    line=n_lines + len(above),
+                    column=len(above[-1]) + 1,
                     hint="Copy it from the instrument again.",
                 )
-            lengths = list(map(len, piece.split("\n")))
-            lengths[0] += begun
+            lengths = list(map(len, piece.removesuffix("\n").split("\n")))
             if max(lengths) > _LONGEST_LINE:
-                line = n_ends + next(i for i, length in enumerate(lengths, 1) if length > _LONGEST_LINE)
+                line = n_lines + next(i for i, length in enumerate(lengths, 1) if length > _LONGEST_LINE)
                 message = f"the line is longer than {_LONGEST_LINE} characters"
                 raise SourceError(path, message, line=line, hint="This is not a table of readings.")
-            n_ends, begun = n_ends + len(lengths) - 1, lengths[-1]
-    return n_ends + (begun > 0), begun == 0
+            n_lines, is_ended = n_lines + len(lengths), piece.endswith("\n")
+    return n_lines, is_ended
 
 
 def parse_rows(

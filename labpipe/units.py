@@ -92,10 +92,7 @@ def plain(text: str) -> str:
 def unit(text: str) -> Unit:
     """Look a spelling up, with or without brackets: ``"[µN·m]"``, ``"gf"``, ``"mm"``.
 
-    Raises
-    ------
-    InputError
-        It is not in the table.
+    Raises InputError: it is not in the table.
 
     Examples
     --------
@@ -107,11 +104,9 @@ def unit(text: str) -> Unit:
     name = text.strip().strip("[]()").strip()
     name = plain(_ALIASES.get(name, name))
     name = _ALIASES.get(name, name)
-    try:
-        return Unit(*_TABLE[name])
-    except KeyError:
-        known = ", ".join(sorted(_TABLE))
-        raise InputError(f'unknown unit "{text}"; known units: {known}') from None
+    if name not in _TABLE:
+        raise InputError(f'unknown unit "{text}"; known units: {", ".join(sorted(_TABLE))}')
+    return Unit(*_TABLE[name])
 
 
 def spellings(si: str) -> tuple[str, ...]:
@@ -150,10 +145,7 @@ def quantity(text: str) -> Quantity:
     may stand after both numbers. A comma separates decimals; one that may as well group
     thousands, as in ``"1,500 mm"``, is refused.
 
-    Raises
-    ------
-    InputError
-        The text is not a number with a known unit, or its comma has two meanings.
+    Raises InputError: the text is not a number with a known unit, or its comma has two meanings.
 
     Examples
     --------
@@ -166,12 +158,11 @@ def quantity(text: str) -> Quantity:
     if match is None:
         raise InputError(f'expected a number with a unit such as "1.5 mm" or "12.0 ± 0.2 deg", found "{text}"')
     numbers = [match["value"], match["u"] or "0"]
-    has_two_meanings = all("," not in number or _THOUSANDS.fullmatch(number) for number in numbers)
-    if has_two_meanings and any("," in number for number in numbers):
-        first = next(number for number in numbers if "," in number)
+    commas = [number for number in numbers if "," in number]
+    if commas and all("," not in number or _THOUSANDS.fullmatch(number) for number in numbers):
         raise InputError(
             f'the comma of "{text}" may stand before decimals or group thousands; '
-            f"write {first.replace(',', '.')} or {first.replace(',', '')}"
+            f"write {commas[0].replace(',', '.')} or {commas[0].replace(',', '')}"
         )
     factor, si = unit(match["unit"] or "1")
     if match["first"] and unit(match["first"]) != (factor, si):
@@ -185,21 +176,10 @@ Measure = float | str | Quantity
 
 
 def si(given: Measure, unit_of: str, name: str) -> float:
-    """Return an argument in SI.
+    """Return an argument in SI: a number in SI, or a text with a unit; an uncertainty after ``±`` is left aside.
 
-    Parameters
-    ----------
-    given : float, str or Quantity
-        A number in SI, or a text with a unit; an uncertainty after ``±`` is left aside.
-    unit_of : str
-        The SI unit of the argument; several that mean the same, ``"m or m/px"``.
-    name : str
-        Of the argument, for the message.
-
-    Raises
-    ------
-    InputError
-        It is neither, has no unit, or is in the unit of something else.
+    ``unit_of`` is the SI unit of the argument, or several that mean the same, ``"m or m/px"``; ``name`` is that of the
+    argument, for the message. Raises InputError: it is neither, has no unit, or is in the unit of something else.
 
     Examples
     --------

@@ -35,10 +35,8 @@ _FOR_PROGRAMMERS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning
 class Outcome:
     """The end of one task: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``; written into the log.
 
-    ``key`` finds the result in the store (None where there is none). ``message`` says why there
-    is none; ``exit_code`` and ``error`` (the class) name the error, ``details`` its place;
-    ``is_of_run`` that the run was at fault, so that nothing follows for the recording.
-    ``reason`` is the error's. ``seconds`` passed on the clock.
+    ``key`` finds the result in the store. Where there is none ``message`` says why; ``exit_code``, ``error`` (the
+    class), ``reason`` and ``is_of_run`` are those of the error, ``details`` its place. ``seconds`` passed on the clock.
     """
 
     experiment: str
@@ -78,11 +76,9 @@ def work(job: Job, experiment: str, wanted: frozenset[TaskId], failures: Mapping
 
     Another process that computes the same experiment is waited for, and its results are used. ``failures`` are tasks
     that have failed already, elsewhere or in a process that died. The beginning and the end of every task are written
-    into the log of the session as they happen, from which the run learns of them; they are returned too, for a folder
-    whose log another machine may see too late.
+    into the log, from which the run learns of them; they are returned too, for a machine that sees the log too late.
 
-    Raises InputError: the session is not there, on a machine that does not share its folder; StorageError: the log
-    cannot be written.
+    Raises InputError: the session is not there; StorageError: the log cannot be written.
     """
     if not job.session.files.is_dir():
         raise InputError(
@@ -111,7 +107,7 @@ def work(job: Job, experiment: str, wanted: frozenset[TaskId], failures: Mapping
 
 @dataclass(slots=True)
 class _Run:
-    """One pass over the rows of one experiment; ``passed`` holds results that are handed on and not kept."""
+    """One pass over the rows of one experiment; ``passed`` holds Datasets that are handed on and not kept."""
 
     job: Job
     experiment: str
@@ -145,22 +141,26 @@ class _Run:
             return Outcome(*task.id, SKIPPED, message=text, is_of_run=is_of_run, reason=NO_INPUT)
         self.emit("started", task.id)
         begun = time.perf_counter()
-        key: str | None = None
-        failure: dict[str, Any] = {}
         try:
             key = self._made(task)
         except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             # Unless it is one of ours, the mistake is the step's, not a record's.
-            is_ours = isinstance(error, LabpipeError)
-            ours = error if is_ours else StageError()
-            failure = {name: getattr(ours, name) for name in ("exit_code", "is_of_run", "reason")} | {
-                "message": self._relative(str(error) if is_ours else f"unexpected {type(error).__name__}: {error}"),
-                "error": type(error).__name__,
-                "details": "".join(traceback.format_exception(error)),
-            }
-        state = FAILED if failure else DONE
-        return Outcome(*task.id, state, key, seconds=time.perf_counter() - begun, **failure)
+            ours = (
+                error if isinstance(error, LabpipeError) else StageError(f"unexpected {type(error).__name__}: {error}")
+            )
+            return Outcome(
+                *task.id,
+                FAILED,
+                message=self._relative(str(ours)),
+                exit_code=ours.exit_code,
+                error=type(error).__name__,
+                details="".join(traceback.format_exception(error)),
+                seconds=time.perf_counter() - begun,
+                is_of_run=ours.is_of_run,
+                reason=ours.reason,
+            )
+        return Outcome(*task.id, DONE, key, seconds=time.perf_counter() - begun)
 
     def _relative(self, text: str) -> str:
         """Write paths relative to the session, so that a moved folder gives the same text."""
@@ -169,17 +169,14 @@ class _Run:
     def _made(self, task: Task) -> str | None:
         """Return the key of a result, made or found now; None where it rests on failures and is not kept."""
         key, stage = self.plan.keys[task.id], task.stage
-        name = f"{task.id.experiment}: {task.id.stage}"
-        is_page = stage.output == "page"
-        page = self.job.session.folder / page_name(task.id.experiment)
-        if key.value is not None:
-            state = self.store.state(key.value)
-            if state == "damaged":
-                self.store.quarantine(key.value)
-            if is_page and state == "stored":
-                files.write_text(page, str(self.store.read(key.value)))
-                self.store.note_latest(task.id, key.value)
-                return key.value
+        is_page, page = stage.output == "page", self.job.session.folder / page_name(task.id.experiment)
+        state = "absent" if key.value is None else self.store.state(key.value)
+        if state == "damaged":
+            self.store.quarantine(key.value or "")
+        elif is_page and state == "stored":  # but not in its place
+            files.write_text(page, str(self.store.read(key.value or "")))
+            self.store.note_latest(task.id, key.value or "")
+            return key.value
         if key.problem:
             raise InputError(key.problem)
         # half as much again as the last result of this task, or the results that it is made of; 1 MiB at least
@@ -187,29 +184,20 @@ class _Run:
         sizes = [0 if one is None else self.store.size(one) for one in (last and last.key, *before)]
         files.require_space(self.store.root, 3 * max(sizes[0] or sum(sizes), 1 << 20) // 2)
         result, caught = self._call(task, key)
-        if is_page and not isinstance(result, str):
-            raise StageError(f"{name}: must return the text of a page, returned {type(result).__name__}")
+        if is_page:
+            files.write_text(page, result)
         is_on_failures = any(name in self.failures for name in ancestors(self.plan.tasks, task.id))
-        if (is_on_failures or key.value is None) and (is_page or stage.context):
-            if is_page:  # made again in every run
-                files.write_text(page, result)
-            else:
-                self.passed[task.id] = result
+        if (is_on_failures or key.value is None) and (is_page or stage.context):  # made again in every run
+            self.passed[task.id] = result
             return None
         work = {}
         if not is_page:
-            import xarray as xr
-
-            if not isinstance(result, xr.Dataset):
-                raise StageError(f"{name}: must return a Dataset, returned {type(result).__name__}")
             work = counts(result.attrs.get("work"))
             about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
             attributes = {"provenance": files.canonical(about)} | ({"work": files.canonical(work)} if work else {})
             schema = self.job.schemas.get(stage.schema or "", Schema(stage.name))
             result = check(result, schema).assign_attrs(attributes)
         record = self.store.write(key.ingredients, result, warnings=caught, work=work)
-        if is_page:
-            files.write_text(page, result)
         self.store.note_latest(task.id, record.key)
         return record.key
 
@@ -217,12 +205,13 @@ class _Run:
 
     def _call(self, task: Task, key: Key) -> tuple[Any, tuple[Caught, ...]]:
         """Call the function, and refuse its result where a file has changed before it returned or failed."""
+        import xarray as xr
+
         function = _import(task)
         arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
         settings = self.job.session.experiments[task.id.experiment].settings
-        keywords: dict[str, Any] = {"settings": settings}
-        if EXCLUDE in task.stage.parameters:
-            keywords["settings"] = concerning(settings, task.files)
+        is_narrow = EXCLUDE in task.stage.parameters
+        keywords: dict[str, Any] = {"settings": concerning(settings, task.files) if is_narrow else settings}
         if task.stage.context:
             keywords["context"] = self._context(task)
         if task.stage.shortcuts:
@@ -241,6 +230,10 @@ class _Run:
                         changed = SourceError(known["name"], problem, hint=hint)
                         changed.is_of_run = True  # the same file may be whole the next time
                         raise changed
+        expected = str if task.stage.output == "page" else xr.Dataset
+        if not isinstance(result, expected):
+            name = f"{task.id.experiment}: {task.id.stage}"
+            raise StageError(f"{name}: must return a {expected.__name__}, returned {type(result).__name__}")
         found = Counter(
             (warning.category.__name__, self._relative(str(warning.message)))
             for warning in raised

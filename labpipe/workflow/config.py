@@ -68,16 +68,15 @@ def read(path: Path, kind: type[S]) -> S:
 class Checker:
     """Converts values to the types of their fields and reports mistakes.
 
-    ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are still to
-    come are listed there and are no mistakes; other mistakes are reported all the same. ``laboratory`` is the folder
-    of the laboratory's file, from which the files that it names are found. ``names`` are the experiments that one of
-    them, ``own``, may refer to.
+    ``may_wait`` takes names of files that are not there yet. In ``gaps`` values that are still to come stand with their
+    lines, and are no mistakes. ``laboratory`` is the folder of the laboratory's file, from which the files that it
+    names are found. ``names`` are the experiments that one of them, ``own``, may refer to.
     """
 
     document: Document
     root: Path
     may_wait: bool = False
-    gaps: list[str] | None = None
+    gaps: dict[str, int] | None = None
     laboratory: Path | None = None
     names: Collection[str] | None = None
     own: str = ""
@@ -110,12 +109,12 @@ class Checker:
     def value(self, kind: Any, value: Any, place: Place) -> Any:
         """Convert one value to the type of its field."""
         if self.gaps is not None and is_gap(value):
-            self.gaps.append(self.document.at(place, f"to be filled in: {describe(kind)}"))
+            self.gaps[self.document.at(place, f"to be filled in: {describe(kind)}")] = self.document.line(place)
             return _BAD
         bare, _ = split(kind)
         if typing.get_origin(bare) in (Union, types.UnionType):
             options = [option for option in typing.get_args(bare) if option is not type(None)]
-            if isinstance(value, dict) and len(options) > 1 and len(tables := tables_of(bare)) == 1:
+            if isinstance(value, dict) and len(tables := tables_of(bare)) == 1:
                 options = list(tables)
             if len(options) == 1:
                 return self.value(options[0], value, place)
@@ -160,8 +159,8 @@ class Checker:
 
     def _collection(self, kind: Any, value: Any, place: Place) -> Any:
         bare, marks = split(kind)
-        arguments = typing.get_args(bare)
-        if typing.get_origin(bare) is dict:
+        origin, arguments = typing.get_origin(bare), typing.get_args(bare)
+        if origin is dict:
             if not isinstance(value, dict):
                 return self.report(place, f"expected a table, found {found(value)}")
             pairs = {k: self.value(arguments[1], v, (*place, k)) for k, v in value.items()}
@@ -176,9 +175,11 @@ class Checker:
             return self.report(place, f"expected {describe(kind)}, found {found(value)}{example}")
         if is_nested and value and not any(isinstance(item, list) for item in value):
             return self.report(place, f"expected {describe(kind)}, found {str(value)[:60]}: brackets are missing")
-        is_fixed = typing.get_origin(bare) is tuple and arguments[-1] is not Ellipsis
-        if is_fixed and len(value) != len(arguments):
-            return self.report(place, f"expected {len(arguments)} items, found {len(value)}")
+        is_fixed = origin is tuple and arguments[-1] is not Ellipsis
+        least = getattr(mark(marks, msgspec.Meta), "min_length", None) or 0
+        if len(value) < least or (is_fixed and len(value) != len(arguments)):
+            expected = f"{len(arguments)} items" if is_fixed else f"at least {least} item{'s' * (least != 1)}"
+            return self.report(place, f"expected {expected}, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
         items = [self.value(t, v, (*place, i)) for i, (t, v) in enumerate(zip(of, value, strict=True))]
         for i, name in enumerate(value if is_of_files else ()):
@@ -186,10 +187,7 @@ class Checker:
                 items[i] = self.report((*place, i), f'"{name}" is listed twice; remove one')
         if any(item is _BAD for item in items):
             return _BAD
-        least = getattr(mark(marks, msgspec.Meta), "min_length", None) or 0
-        if len(items) < least:
-            return self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(items)}")
-        return tuple(items) if typing.get_origin(bare) is tuple else items
+        return tuple(items) if origin is tuple else items
 
     def _matching(self, pattern: str) -> list[str]:
         """Return the files of the session that fit a pattern, in the order of their numbers; the pattern for none."""
@@ -218,7 +216,10 @@ class Checker:
                 is_short = place_on_disk.stat().st_size <= LARGEST_FILE
                 lines = place_on_disk.read_text("utf-8").splitlines() if is_short else []
                 matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
-                self.gaps += [f"{value}:{number}: {match[1]}: to be filled in" for number, match in matches if match]
+                line = self.document.line(place)
+                self.gaps |= {
+                    f"{value}:{number}: {match[1]}: to be filled in": line for number, match in matches if match
+                }
         return value
 
 
@@ -242,8 +243,7 @@ def _quantity(dimension: Dimension, value: Any) -> Quantity:
 
 
 def _plain(kind: Any, bare: Any, value: Any) -> Any:
-    if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
-        known = typing.get_args(bare)
+    if typing.get_origin(bare) is Literal and value not in (known := typing.get_args(bare)):
         if isinstance(value, str) and value.lower() in known:
             return value.lower()
         raise InputError(f"expected {describe(bare)}, found {found(value)}{suggest(str(value), map(str, known))}")
@@ -251,8 +251,7 @@ def _plain(kind: Any, bare: Any, value: Any) -> Any:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         # msgspec says "Expected `int` >= 1" for a bound, and names its own types otherwise
-        is_bound = str(error).startswith("Expected") and ", got" not in str(error)
         bound = str(error).removeprefix("Expected ").replace("`", "")
+        is_bound = bound != str(error) and ", got" not in bound
         bound = "a text that is not empty" if bound.startswith("str ") else bound
-        expected = bound if is_bound else describe(bare)
-        raise InputError(f"expected {expected}, found {found(value)}") from None
+        raise InputError(f"expected {bound if is_bound else describe(bare)}, found {found(value)}") from None

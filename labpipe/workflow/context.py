@@ -96,11 +96,7 @@ class Warned:
 
 
 class Failed(NamedTuple):
-    """A stage before the page that gave no result, and why.
-
-    ``is_of_run`` says that the run was at fault, which says nothing about the recording;
-    ``reason`` is that of the error (:attr:`labpipe.errors.LabpipeError.reason`).
-    """
+    """A stage before the page that gave no result; ``is_of_run`` and ``reason`` are those of its error."""
 
     stage: str
     recording: str | None
@@ -126,10 +122,9 @@ class Kept(NamedTuple):
 class Context:
     """Passed to stages that ask for it; everything in it is equal for equal inputs.
 
-    ``ledger`` holds the counts of the stages of this experiment behind the page; ``provenance``
-    is that of the page, with the raw files behind it, see
-    :func:`labpipe.workflow.provenance.of_task`. ``base``, ``changed`` and ``overrides`` are
-    those of its :class:`labpipe.workflow.session.Experiment`.
+    ``ledger`` holds the counts of the stages behind the page, ``provenance`` its origin by
+    :func:`labpipe.workflow.provenance.of_task`; ``base``, ``changed`` and ``overrides`` are those of its
+    :class:`labpipe.workflow.session.Experiment`.
     """
 
     experiment: str

@@ -92,8 +92,7 @@ def parse(path: Path, text: str | None = None) -> Document:
 
     if text is None:
         try:
-            size = path.stat().st_size
-            if size > LARGEST_FILE:
+            if (size := path.stat().st_size) > LARGEST_FILE:
                 most = f"more than the {LARGEST_FILE} that a configuration may have"
                 raise refuse(1, f"{size} bytes long, {most}; is it the right file?")
             data = path.read_bytes()

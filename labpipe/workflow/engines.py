@@ -85,19 +85,19 @@ class Crew:
         for future in wait(self.under_way, _MOMENT, FIRST_COMPLETED).done:
             key, call = self.under_way.pop(future)
             try:
-                yield key, future.result()
+                answer = future.result()
             except BrokenProcessPool:
                 try:
                     answer = elsewhere(call)
                 except Died as death:
                     answer = death
-                yield key, answer
             except CancelledError as error:
                 raise LabpipeError("the Dask scheduler no longer answers; run again to go on") from error
             except Exception as error:
                 if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
                     raise
-                yield key, Died("its workers died one after the other; was the memory full?")
+                answer = Died("its workers died one after the other; was the memory full?")
+            yield key, answer
 
 
 Engine = Callable[[], AbstractContextManager[Crew]]
@@ -105,11 +105,9 @@ Engine = Callable[[], AbstractContextManager[Crew]]
 
 
 def choose(jobs: int, cluster: str | None = None) -> Engine:
-    """Return the engine for the options of a command.
+    """Return the engine for ``jobs`` local processes, or for the Dask scheduler at the address ``cluster``.
 
-    ``jobs`` are local processes; 0 computes in this process, for a debugger: an error is raised where the call is
-    given. ``cluster`` is the address of a Dask scheduler, which replaces them. Raises InputError where the number is
-    negative.
+    Without jobs it computes in this process, for a debugger. Raises InputError where the number is negative.
     """
     if jobs < 0:
         raise InputError(f"jobs must be at least 0, found {jobs}")
@@ -126,10 +124,10 @@ def processors() -> int:
 def side_by_side(
     engine: Engine, function: str, tasks: Mapping[Key, tuple[Any, ...]], *, imports: Sequence[str] = ("numpy", "xarray")
 ) -> Generator[tuple[Key, Any]]:
-    """Call a function with the arguments of every task, by key; see :class:`Call`.
+    """Call a function with the arguments of every task, and yield key and answer in the order of the answers.
 
-    Tasks do not wait for each other and are taken when their turn comes. Yields key and answer in the order of the
-    answers; see :class:`Crew`. An error of the function is raised.
+    Tasks do not wait for each other and are taken when their turn comes. An error of the function is raised; see
+    :class:`Call` and :class:`Crew`.
     """
     queue = iter(tasks)
     with engine() as crew:
@@ -191,10 +189,7 @@ def _processes(size: int) -> Iterator[Crew]:
 
 @contextlib.contextmanager
 def _clean_start() -> Iterator[None]:
-    """Start processes with one thread for each library, and without the calling script.
-
-    A script or notebook without the ``__main__`` guard would otherwise start itself in every process.
-    """
+    """Start processes with one thread for each library, and without a script that would start itself in each."""
     before, main = {**os.environ}, sys.modules["__main__"]
     os.environ.update(_ENVIRONMENT)
     sys.modules["__main__"] = types.ModuleType("__main__")
@@ -230,10 +225,9 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @contextlib.contextmanager
 def _cluster(address: str) -> Iterator[Crew]:
-    """Open a crew of the workers of a Dask scheduler, ``tcp://host:port``, with the same installation of labpipe.
+    """Open a crew of the workers of a Dask scheduler, which tries a call three times on workers that die.
 
-    The scheduler tries a call again on another worker when one dies, three times; then it is answered by
-    :class:`Died`. Raises UsageError: the extra ``cluster`` is not installed, or nobody answers at the address.
+    Raises UsageError: the extra ``cluster`` is not installed, or nobody answers at the address.
     """
     from labpipe.workflow.provenance import program
 
@@ -263,9 +257,7 @@ def _compute_there(call: Call, program: Mapping[str, Any]) -> Any:
         there, here = ({**about, **about["libraries"]} for about in (own, program))
         differing = [n for n in here if n != "libraries" and there.get(n) != here[n]]
         listed = ", ".join(f"{n} {there.get(n)} there, {here[n]} here" for n in differing)
-        raise UsageError(
-            f"the worker {get_worker().address} has another installation ({listed}); "
-            "install the same versions everywhere"
-        )
+        where = f"the worker {get_worker().address} has another installation ({listed})"
+        raise UsageError(f"{where}; install the same versions everywhere")
     with _ONE_AT_A_TIME:
         return call.run()

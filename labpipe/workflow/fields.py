@@ -43,12 +43,10 @@ class Range:
         return self.above < value < self.below and self.at_least <= value <= self.at_most
 
 
-@dataclass(frozen=True, slots=True)
 class FileMark:
     """Marks a text field as the name of a file or folder below the session folder."""
 
 
-@dataclass(frozen=True, slots=True)
 class ReferenceMark:
     """Marks a text field as the name of another experiment of the session."""
 
@@ -190,19 +188,14 @@ def found(value: Any) -> str:
     if isinstance(value, int | float):
         text = repr(value)
         return text if len(text) <= 60 else f"a number of {len(text)} digits"
-    if isinstance(value, dict | list):
-        return "a table" if isinstance(value, dict) else "a list"
-    return f"a {type(value).__name__}"
-
-
-_LONGEST_WORD, _MOST_OPTIONS = 256, 1000
-"""Beyond these the search for the nearest word takes longer than it helps."""
+    return {dict: "a table", list: "a list"}.get(type(value), f"a {type(value).__name__}")
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
     """Add ``; did you mean "…"?``, or the list of known names when it is short."""
     options = sorted(known)
-    is_short = len(word) <= _LONGEST_WORD and len(options) <= _MOST_OPTIONS
+    # of longer words and lists the search takes longer than it helps
+    is_short = len(word) <= 256 and len(options) <= 1000
     near = difflib.get_close_matches(word, options, n=1, cutoff=0.6) if is_short else []
     if near:
         return f'; did you mean "{near[0]}"?'
@@ -222,13 +215,10 @@ def show(value: Quantity) -> str:
     # the largest multiple by a power of a thousand in which it is at least 1
     own = value.si.removeprefix("k")
     names = {unit(name).factor: name for name in spellings(value.si) if name.endswith(own)} or {1.0: value.si}
-    factors = sorted((one for one in names if math.log10(one) % 3 == 0), reverse=True)
     if value.si == "rad":
-        factors, names = [math.radians(1.0)], {math.radians(1.0): "deg"}
+        names = {math.radians(1.0): "deg"}
+    factors = sorted((one for one in names if math.log10(one) % 3 == 0), reverse=True) or list(names)
     fitting = (one for one in factors if abs(value.value) >= one * (1 - 1e-12))
     factor = next(fitting, factors[0] if value.value == 0 else factors[-1])
-    name = names[factor]
-    text = f"{value.value / factor:.6g}"
-    if value.u:
-        text += f" ± {value.u / factor:.2g}"
-    return text if name == "1" else f"{text} {name}"
+    text = f"{value.value / factor:.6g}" + (f" ± {value.u / factor:.2g}" if value.u else "")
+    return text if names[factor] == "1" else f"{text} {names[factor]}"

@@ -36,37 +36,29 @@ class Stage:
     function : str
         ``package.module:function``, imported only when it runs.
     inputs : tuple of str
-        ``"displacement"``: another stage of the same experiment. ``"file:laser"``: the file or
-        files that the settings field ``laser`` names, passed as Path or list of Path; in a stage
-        that runs per recording over that very field, the one Path of the recording.
-        ``"other:material/master_curve"``: the result of the stage ``master_curve`` of the
-        experiment that the settings field ``material`` names as ``"experiment:NAME"``; None when
-        the field names none. Of stages that run per recording, the list of all results. Through
-        a list of tables (``"other:drops.material_from/master_curve"``), the list of one result or
-        None for every item.
+        ``"displacement"``: another stage of the same experiment. ``"file:laser"``: the file or files that the settings
+        field ``laser`` names, as Path or list of Path; for a stage that runs over that very field the one Path of the
+        recording. ``"other:material/curve"``: the result of the stage ``curve`` of the experiment that the field
+        ``material`` names, or None; of a stage that runs per recording the list of all results; through a list of
+        tables (``"other:drops.material/curve"``) the list of one result or None for every item.
     parameters : tuple of str
         Settings fields that the result depends on, dotted (``"sphere.radius"``), or ``"*"``.
     may_lack : tuple of str
-        Inputs that help it but that it does without: None where they gave no result. Only the recording
-        may be at fault for that; where the run was, the stage waits for it.
+        Inputs that it does without: None where a recording gave no result; where the run was at fault, it waits.
     per, over : {"experiment", "recording"}, str
         Whether it runs once, or once for every file of the settings field ``over``.
     schema : str, optional
-        Name of the :class:`labpipe.schema.Schema` that the result must satisfy, out of those
-        that the run is given; without it, units and long names are checked all the same.
+        Name of the :class:`labpipe.schema.Schema` that the result must satisfy.
     output : {"dataset", "page"}
         Whether it returns a Dataset, or the HTML text of the experiment's report.
     context : bool
-        Whether the function takes the keyword ``context``, a
-        :class:`labpipe.workflow.context.Context`; the result then depends on the session's title,
-        operator and notes too, and it is called even when something before it failed (an
-        input that is missing for that reason is None). A Dataset that rests on failures is handed on to
-        the page of the same run and not kept.
+        Whether the function takes the keyword ``context``, a :class:`labpipe.workflow.context.Context`. It is then
+        called even when something before it failed, and a Dataset that rests on failures is handed on to the page of
+        the same run and not kept.
     shortcuts : bool
         Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
     imports : tuple of str
-        Modules that the function imports only when it is called and that take long to load, such
-        as compiled loops; the processes of a run find them loaded.
+        Modules, imported by the function when it is called, that the processes of a run load once for all.
     """
 
     name: str
@@ -88,33 +80,22 @@ Stages = Mapping[str, Sequence[Stage]]
 """The stages of every kind of experiment, by the name of the kind."""
 
 
-def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None) -> tuple[Stage, ...]:
+def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct]) -> tuple[Stage, ...]:
     """Check all stages of one kind, and the fields of its settings that they name; return them inputs first.
 
-    Raises InputError: an input or field is unknown, or the stages form a circle; every problem is listed except that a
-    circle is only looked for when there is no other.
+    Raises InputError with every unknown input or field, or the circle in which stages wait for each other.
     """
     by_name = {stage.name: stage for stage in stages}
     problems = []
     for stage in stages:
-        fields = [name for name in stage.parameters if name != "*"] + ([stage.over] if stage.over is not None else [])
-        wrong = []
+        fields = [name for name in (*stage.parameters, stage.over) if name not in (None, "*")]
         for name in stage.inputs:
-            other = by_name.get(name)
-            if name.startswith(FILE):
-                fields.append(name.removeprefix(FILE))
-            elif name.startswith(OTHER):
-                fields.append(name.removeprefix(OTHER).split("/")[0])
-                wrong += [] if name.count("/") == 1 else [f'input "{name}" must read "other:FIELD/STAGE"']
-            elif other is None:
-                wrong.append(f'unknown input "{name}"{suggest(name, by_name)}')
-            elif other.output == "page":
-                wrong.append(f'input "{name}" is a page; pages are for people')
-            elif stage.per == other.per == "recording" and stage.over != other.over:
-                wrong.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
-        absent = [name for name in fields if settings is not None and not _has_field(settings, name)]
-        wrong += [f'the settings have no field "{name}"' for name in absent]
-        problems += [f'stage "{stage.name}": {text}' for text in wrong]
+            if name.startswith((FILE, OTHER)):
+                fields.append(name.partition(":")[2].partition("/")[0])
+            elif name not in by_name:
+                problems.append(f'stage "{stage.name}": unknown input "{name}"{suggest(name, by_name)}')
+        absent = [name for name in fields if not _has_field(settings, name)]
+        problems += [f'stage "{stage.name}": the settings have no field "{name}"' for name in absent]
     if problems:
         raise InputError("; ".join(problems))
     own = {s.name: [name for name in s.inputs if not name.startswith((FILE, OTHER))] for s in stages}
@@ -139,8 +120,7 @@ def imports_of(stages: Iterable[Stage]) -> tuple[str, ...]:
     """Modules that local processes load once for all before they run stages."""
     stages = tuple(stages)
     own = {name for stage in stages for name in (stage.function.partition(":")[0], *stage.imports)}
-    is_drawn = any(stage.output == "page" for stage in stages)
-    return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if is_drawn else ()))
+    return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if any(stage.output == "page" for stage in stages) else ()))
 
 
 # --- tasks ---------------------------------------------------------------------------------------
@@ -321,14 +301,11 @@ def arguments(
                     continue
                 source = session.experiments[other.removeprefix(REFERENCE)]
                 known = {s.name: s for s in stages[source.kind]}
-                is_each = name in known and known[name].per == "recording"
-                problem = "" if name in known else f'no stage "{name}"{suggest(name, known)}'
-                if is_each and is_through_list:
-                    problem = f'a stage "{name}" for each recording; a list of tables takes single results'
-                if problem:
-                    raise _mistake(experiment, place, f'"{source.name}" of kind "{source.kind}" has {problem}')
+                if name not in known:
+                    problem = f'"{source.name}" of kind "{source.kind}" has no stage "{name}"{suggest(name, known)}'
+                    raise _mistake(experiment, place, problem)
                 slots += [TaskId(source.name, name, one) for one in recordings(source, known[name])]
-                is_list |= is_each
+                is_list |= known[name].per == "recording"
         made.append(Argument(text, tuple(slots), is_list))
     return tuple(made)
 

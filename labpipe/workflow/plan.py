@@ -192,16 +192,21 @@ def plan(
     return Plan(session, tuple(rows), tasks, keys)
 
 
-def code_changed(modules: Sequence[str]) -> str:
-    """Say which code has changed; of many modules only the first are named.
+def code_changed(packages: Sequence[str]) -> str:
+    """Say of which packages the code has changed.
 
     Examples
     --------
     >>> code_changed(["labpipe.units"])
     'code changed: labpipe.units'
     """
-    more = f" and {len(modules) - _MOST_REASONS} more" if len(modules) > _MOST_REASONS else ""
-    return f"code changed: {', '.join(modules[:_MOST_REASONS])}{more}" if modules else ""
+    return f"code changed: {_first(packages, ', ')}" if packages else ""
+
+
+def _first(texts: Sequence[str], separator: str) -> str:
+    """Join texts; of many the first, and the number of the others."""
+    more = [f"and {len(texts) - _MOST_REASONS} more"] if len(texts) > _MOST_REASONS else []
+    return separator.join([*texts[:_MOST_REASONS], *more])
 
 
 def wanted_tasks(
@@ -233,8 +238,7 @@ def _key(
     session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key], store: Store, options: Mapping[str, Any]
 ) -> Key:
     """Return the key of a task from all that it depends on; files are read unless the index knows them."""
-    stage, problem = task.stage, ""
-    experiment = session.experiments[task.id.experiment]
+    stage, problem, experiment = task.stage, "", session.experiments[task.id.experiment]
     inputs: list[dict[str, Any]] = []
     for argument in task.arguments:
         entry: dict[str, Any] = {"input": argument.name}
@@ -345,18 +349,13 @@ def _row_to_run(store: Store, last: Last | None, task: Task, key: Key, state: st
         reasons = [f"{page_name(task.id.experiment)} is missing or was changed"]
     elif state == "unreadable":
         reasons = [key.problem]
-    elif state == "damaged":
-        reasons = ["result damaged"]
-    elif last is None:
-        reasons = ["never run"]
+    elif state == "damaged" or last is None:
+        reasons = ["never run" if last is None else "result damaged"]
     else:
         record = store.record(last.key)
-        reasons = changes(record.ingredients, key.ingredients, is_waiting=bool(waiting)) if record else []
+        reasons = _changes(record.ingredients, key.ingredients, is_waiting=bool(waiting)) if record else []
     reasons += sorted({f"upstream {before.seen_from(task.id)} will run" for before in waiting})
-    text = "; ".join(reasons[:_MOST_REASONS] or ["result is gone"])
-    if len(reasons) > _MOST_REASONS:
-        text += f"; and {len(reasons) - _MOST_REASONS} more"
-    return Row(*task.id, WAITS if waiting else WILL_RUN, text, task.stage.summary)
+    return Row(*task.id, WAITS if waiting else WILL_RUN, _first(reasons, "; ") or "result is gone", task.stage.summary)
 
 
 def _code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -366,47 +365,39 @@ def _code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     return function + [name for name in after | before if before.get(name) != after.get(name)]
 
 
-def changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool) -> list[str]:
-    """Say in which ingredients a result differs from the last one of the same task.
-
-    For a task that waits, the task it waits for names the change upstream.
-    """
-    code = code_changed(_code_changes(old, new))
-    found = [code] if code else []
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool) -> list[str]:
+    """Say in which ingredients a result differs from the last one; of one that waits, the task before it says more."""
+    changed = _code_changes(old, new)
+    reasons = [code_changed(changed)] if changed else []
     before, after = _facts(old), _facts(new)
     for name in after | before:
         # as text: the record has lists where settings have tuples
         if files.canonical(before.get(name)) == files.canonical(after.get(name)):
             continue
         if name.startswith("parameter"):
-            found.append(f"{name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}")
-        else:
-            found.append(f"{name} {'removed' if name not in after else 'changed' if name in before else 'added'}")
-    if found:
-        return found
-    if [one["input"] for one in old["inputs"]] != [one["input"] for one in new["inputs"]]:
-        return ["the stage takes other inputs"]
-    pairs = () if is_waiting else zip(old["inputs"], new["inputs"], strict=True)
-    return [f"upstream {one['input']} changed" for other, one in pairs if other.get("keys") != one.get("keys")]
+            reasons.append(f"{name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}")
+        elif not (name.startswith("upstream") and (is_waiting or reasons)):
+            reasons.append(f"{name} {'removed' if name not in after else 'changed' if name in before else 'added'}")
+    return reasons
 
 
 def _facts(ingredients: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the ingredients that a reason may name, but for the code and the results of other tasks."""
-    inputs = (file for one in ingredients["inputs"] for file in one.get("files", ()))
+    """Return the ingredients that a reason may name, but for the code."""
+    inputs = ingredients["inputs"]
     return {
         **{f"parameter {name}": value for name, value in ingredients["parameters"].items()},
-        **{f"input {file['name']}": file["sha256"] for file in inputs},
+        **{f"input {file['name']}": file["sha256"] for one in inputs for file in one.get("files", ())},
         **{f"session {name}": value for name, value in ingredients.get("session", {}).items()},
         "option full": ingredients.get("full"),
         "kind of experiment": ingredients["kind"],
         "kept results of earlier code": ingredients.get("kept"),
+        **{f"upstream {one['input']}": one["keys"] for one in inputs if "keys" in one},
     }
 
 
 def _shown(value: Any) -> str:
     """Write a parameter for people; a quantity is stored as value, uncertainty, SI unit."""
-    is_quantity = isinstance(value, list) and len(value) == 3 and isinstance(value[2], str)
-    if is_quantity and all(isinstance(v, int | float) for v in value[:2]):
+    if isinstance(value, list) and [type(part) for part in value] == [float, float, str]:
         return show(Quantity(*value))
     text = "none" if value is None else value if isinstance(value, str) else files.canonical(value)
     return text if len(text) <= 60 else text[:60] + "…"

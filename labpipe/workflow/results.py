@@ -87,11 +87,10 @@ def open_result(
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event for the ``progress`` of a run.
+    """An event for the ``progress`` of a run, after which ``done`` of ``total`` tasks of its session have ended.
 
-    ``kind`` is ``planned`` (once, with the number of tasks to run and the time expected, and the first
-    task), ``started``, or how the task ended (``done``, ``cached``, ``kept``, ``failed``,
-    ``skipped``); ``done`` of ``total`` tasks of its session have ended.
+    ``kind`` is ``planned`` (once, with the number of tasks to run and the time expected, and the first task),
+    ``started``, or how the task ended (``done``, ``cached``, ``kept``, ``failed``, ``skipped``).
     """
 
     kind: str
@@ -122,18 +121,14 @@ class RunResult(ShownAsTable):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of the command line.
+        """Exit code of the command line: that of all failures if they have one and nothing else was done, or 1.
 
-        0 when nothing failed; 5 when something could not be written; the common code when every
-        experiment failed with the same one; otherwise 1.
+        0 when nothing failed; 5 when something could not be written.
         """
         codes = {outcome.exit_code for outcome in self.failures}
-        if not codes:
-            return 0
-        if StorageError.exit_code in codes:
-            return StorageError.exit_code
-        experiments = {outcome.experiment for outcome in self.outcomes}
-        has_all_failed = experiments == {outcome.experiment for outcome in self.failures}
+        if not codes or StorageError.exit_code in codes:
+            return StorageError.exit_code if codes else 0
+        has_all_failed = {o.experiment for o in self.outcomes} == {o.experiment for o in self.failures}
         return codes.pop() if has_all_failed and len(codes) == 1 else 1
 
     @property

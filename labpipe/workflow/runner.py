@@ -22,23 +22,22 @@ from labpipe.workflow.store import LOG, Store, events_after, log
 
 
 class Options(TypedDict, total=False):
-    """Options of :func:`run_all`."""
+    """Options of :func:`run_all`; ``targets`` to ``keep`` are those of :func:`labpipe.workflow.plan.plan`.
+
+    ``jobs`` are the experiments computed at the same time, each in a process; default 1. 0 computes in this process,
+    for a debugger; equal bytes are promised from 1 up, because only a process of its own can hold the libraries to one
+    thread. ``cluster`` is the address of a Dask scheduler whose workers compute instead. ``schemas`` are those that
+    stages name. ``progress`` is called with every :class:`Event`.
+    """
 
     jobs: int
-    """Experiments computed at the same time, each in a process; default 1. 0 computes in this process, for a
-    debugger; equal bytes are promised from 1 up, because only a process of its own can hold the libraries to one
-    thread."""
     cluster: str | None
-    """Address of a Dask scheduler whose workers compute instead; sessions must lie under the same path for all."""
     targets: Iterable[str] | None
     only: Iterable[str] | None
-    """See :func:`labpipe.workflow.plan.plan`, as for ``full`` and ``keep``."""
     full: bool
     keep: bool | None
     schemas: Mapping[str, Schema] | None
-    """The schemas that stages name."""
     progress: Callable[[Event], None] | None
-    """Called with every :class:`Event`; its counts are those of its session."""
 
 
 def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResult:
@@ -56,40 +55,19 @@ def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResu
 def run_all(
     sessions: Iterable[Session], stages: Stages, **options: Unpack[Options]
 ) -> Generator[tuple[Session, RunResult | LabpipeError]]:
-    """Compute the missing results of sessions, experiments of all of them side by side.
+    """Compute the missing results of sessions, experiments of all of them side by side; see :class:`Options`.
 
-    Parameters
-    ----------
-    sessions : iterable of Session
-        See :func:`labpipe.workflow.session.load`. One is asked for when there is room for it.
-    stages : mapping
-        The stages of every kind of experiment.
-    **options
-        See :class:`Options`.
+    Sessions are asked for when there is room. Yields each with the end of its run, or why it could not begin.
 
-    Yields
-    ------
-    tuple
-        A session, and how its run ended or why it could not begin, as soon as that is known.
-
-    Raises
-    ------
-    InputError, UsageError
-        The stages do not fit the schemas, or there is no such engine.
-    KeyboardInterrupt
-        As for :func:`run`.
+    Raises InputError, UsageError: the stages do not fit the schemas, or there is no such engine; KeyboardInterrupt: as
+    for :func:`run`.
     """
     jobs, schemas = options.get("jobs", 1), options.get("schemas") or {}
     full, keep = options.get("full", False), options.get("keep", False)
     engine = engines.choose(jobs, options.get("cluster"))
-    unknown = [
-        f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"'
-        for kind, sequence in stages.items()
-        for stage in sequence
-        if stage.schema is not None and stage.schema not in schemas
-    ]
-    if unknown:
-        raise InputError("; ".join(unknown))
+    for kind, stage in ((kind, stage) for kind, sequence in stages.items() for stage in sequence):
+        if stage.schema is not None and stage.schema not in schemas:
+            raise InputError(f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"')
 
     def begin(session: Session) -> _SessionRun:
         store, chosen = Store(session.folder), (options.get("targets"), options.get("only"))
@@ -199,13 +177,9 @@ class _SessionRun:
         order = {row.task: position for position, row in enumerate(self.plan.rows)}
         outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
         pages = {o.experiment: self.plan.session.folder / page_name(o.experiment) for o in outcomes}
+        reports = {name: path for name, path in pages.items() if path.is_file()}
         holds_still = self.is_whole and not (self.plan.to_run or self.job.full)
-        result = RunResult(
-            self.plan.session,
-            tuple(outcomes),
-            {name: path for name, path in pages.items() if path.is_file()},
-            self.plan if holds_still else None,
-        )
+        result = RunResult(self.plan.session, tuple(outcomes), reports, self.plan if holds_still else None)
         log(self.plan.session, "run finished", exit_code=result.exit_code)
         return result
 
@@ -219,10 +193,9 @@ class _SessionRun:
             failures = {task: one for task, one in self.outcomes.items() if one.state in (FAILED, SKIPPED)}
             wanted = frozenset(row.task for row in self.plan.rows if row.experiment == experiment)
             imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
+            call = Call(f"{Job.__module__}:work", (self.job, experiment, wanted, failures), imports)
             self.running[experiment] = None
-            crew.give(
-                (self, experiment), Call(f"{Job.__module__}:work", (self.job, experiment, wanted, failures), imports)
-            )
+            crew.give((self, experiment), call)
 
     def hear(self) -> None:
         """Take the events that workers have written into the log, and know the tasks that they are at."""
@@ -240,8 +213,7 @@ class _SessionRun:
     def take(self, experiment: str, answer: list[Outcome] | Died) -> None:
         """Take the end of an experiment.
 
-        Two workers have died over one that is answered by :class:`Died`; results up to then are in the store. The task
-        that it was at has failed, and the rest goes on without it; outside its tasks it has failed as a whole.
+        Where two workers died over it, the task that it was at has failed, and the rest goes on; between tasks all has.
         """
         self.hear()
         blamed = self.running.pop(experiment)

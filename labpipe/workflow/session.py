@@ -21,7 +21,7 @@ from typing import Annotated, Any
 import msgspec
 
 from labpipe.errors import ConfigError, InputError, SourceError
-from labpipe.files import safe_join
+from labpipe.files import name_problem
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.config import Checker
@@ -146,7 +146,7 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 class _Layout(msgspec.Struct, frozen=True, kw_only=True):
     """The whole file; tables of experiments are checked by their kinds."""
 
-    labpipe: int
+    labpipe: int = VERSION
     laboratory: str = ""
     session: _SessionTable = _SessionTable()
     creators: tuple[Creator, ...] = ()
@@ -172,10 +172,8 @@ def load(
         The folder or the file.
     kinds : mapping
         Settings structure of every kind of experiment, by its name.
-    may_wait : bool
-        Take names of files that are not there yet, for a session that is still being recorded.
-    may_lack : collection of str
-        Experiments that may name files that are not there any more.
+    may_wait, may_lack : bool, collection of str
+        Take names of files that are not there yet, as while a session is recorded; or any more, in these experiments.
     text : str, optional
         Content that the file would have, to be checked before it is written.
     fill : callable
@@ -184,9 +182,9 @@ def load(
     Returns
     -------
     Session
-        Everything checked: types, units, ranges, names, and that every file exists inside the
-        folder. Experiments with values still to come (``"FILL mm"``), here or in a record that they
-        name, or with a mistake of their own, wait, and so do those that refer to them.
+        Everything checked: types, units, ranges, names, and that every file exists inside the folder. Experiments with
+        values still to come (``"FILL mm"``), here or in a record that they name, or with a mistake of their own, wait,
+        and so do those that refer to them.
 
     Raises
     ------
@@ -203,16 +201,14 @@ def load(
     root = source.parent.resolve()
     fill(document, root)
     checked = Checker(document, root).structure(_Layout, document.tree, ())
-    layout = checked if isinstance(checked, _Layout) else _Layout(labpipe=VERSION)
+    layout = checked if isinstance(checked, _Layout) else _Layout()
     head = layout.session
     files = (root / head.files).resolve() if head.files else root
     if head.files and not files.is_dir():
         document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    defaults, own_tables, variants = (
-        _named_tables(document.tree, key) for key in ("defaults", "experiments", "variants")
-    )
-    tables = _Tables(document, kinds, defaults, own_tables, variants)
+    named = (_named_tables(document.tree, key) for key in ("defaults", "experiments", "variants"))
+    tables = _Tables(document, kinds, *named)
     tables.read_laboratory(root)
     if not tables.experiments and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
@@ -220,31 +216,31 @@ def load(
         if place[-2] == "defaults" and (kind := str(place[-1])) not in kinds:
             document.report(place, f"unknown kind{suggest(kind, kinds)}")
     at_laboratory = (root / layout.laboratory).parent.resolve() if tables.laboratory else None
-    checker = Checker(document, files, may_wait=may_wait, gaps=[], laboratory=at_laboratory)
+    checker = Checker(document, files, laboratory=at_laboratory)
     places: dict[str, Place] = {}
     for name in tables.experiments:  # each followed by its variants
         places[name] = ("experiments", name)
         places |= {one: ("variants", one) for one, table in tables.variants.items() if table.get("base") == name}
     places |= {name: ("variants", name) for name in tables.variants if name not in places}
-    _check_names(document, root, places, tables.variants)
+    _check_names(document, places, tables.variants)
     experiments: dict[str, Experiment] = {}
     waiting: dict[str, tuple[str, ...]] = {}
     own_problems: dict[str, int] = {}
     for name, place in places.items():
         alone = replace(document, problems={}, origin={})  # the mistakes of an experiment stop it, and no other
-        own = replace(checker, document=alone, gaps=[], names=places, own=name, may_wait=may_wait or name in may_lack)
-        one = replace(tables, document=alone).experiment(own, place)
-        if one is not None and one.base:
-            base = experiments.get(one.base)
-            one = replace(one, changed=_changed(base.settings, one.settings) if base else {})
-            if base and not one.changed:
+        waits = may_wait or name in may_lack
+        own = replace(checker, document=alone, gaps={}, names=places, own=name, may_wait=waits)
+        one = tables.experiment(own, place)
+        if one is not None and one.base in experiments:
+            one = replace(one, changed=_changed(experiments[one.base].settings, one.settings))
+            if not one.changed:
                 alone.report(place, f"differs in no setting from {one.base}; remove it, or change a setting")
-        problems = alone.problems | dict.fromkeys(own.gaps or (), document.line(place))
+        problems = alone.problems | (own.gaps or {})
         if one is not None and not problems:
             experiments[name] = one
         else:
             own_problems |= {text: line for text, line in problems.items() if text not in document.problems}
-            waiting[name] = tuple(sorted(problems, key=_of_line))
+            waiting[name] = tuple(sorted(problems, key=problems.__getitem__))
     while blocked := next(
         ((one.name, other) for one in experiments.values() for other in one.refers_to if other in waiting), None
     ):
@@ -259,24 +255,17 @@ def load(
     return Session(root, *said, experiments, waits_of, head.licence, layout.creators, files if head.files else None)
 
 
-def _of_line(problem: str) -> tuple[bool, str, int]:
-    """Return the place by which problems are sorted: those of session.toml first, by their lines."""
-    name, _, rest = problem.partition(":")
-    return name != FILE_NAME, name, int(rest.partition(":")[0])
-
-
 def _check_version(document: Document) -> None:
     """Stop at once when the file is of another version: all other messages would mislead."""
     stated = document.tree.get("labpipe")
-    if stated is VERSION:
-        return
     message = f"expected {VERSION}, found {found(stated)}"
     if stated is None:
         message = f'missing; begin the file with the line "labpipe = {VERSION}"'
     elif isinstance(stated, int) and stated > VERSION:
         message = f"the file is of version {found(stated)}, this labpipe reads up to {VERSION}; "
         message += "update labpipe (pip install --upgrade labpipe)"
-    raise ConfigError([document.at(("labpipe",), message)])
+    if stated is not VERSION:
+        raise ConfigError([document.at(("labpipe",), message)])
 
 
 def _named_tables(tree: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
@@ -294,7 +283,7 @@ class _Tables:
     defaults: Mapping[str, dict[str, Any]]
     experiments: Mapping[str, dict[str, Any]]
     variants: Mapping[str, dict[str, Any]]
-    laboratory: dict[Place, dict[str, Any]] = field(default_factory=dict)
+    laboratory: dict[Place, dict[str, Any]] = field(init=False, default_factory=dict)
 
     def read_laboratory(self, root: Path) -> None:
         """Read the laboratory's file, where the session names one.
@@ -305,12 +294,13 @@ class _Tables:
         if not isinstance(named := document.tree.get("laboratory"), str):
             return
         path = root / named
-        if path.name != LABORATORY or path.parent.resolve() not in (root, *root.parents):
+        is_above = path.name == LABORATORY and path.parent.resolve() in (root, *root.parents)
+        if not (is_above and path.is_file()):
             expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
-            document.report(("laboratory",), f"{expected}, found {found(named)}")
-            return
-        if not path.is_file():
-            document.report(("laboratory",), f"there is no file {found(named)}; correct the name, or delete this line")
+            problem = f"{expected}, found {found(named)}"
+            if is_above:
+                problem = f"there is no file {found(named)}; correct the name, or delete this line"
+            document.report(("laboratory",), problem)
             return
         other = parse(path)
         _check_version(other)
@@ -324,12 +314,12 @@ class _Tables:
                 document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
             self.laboratory |= {(key, name): inner for name, inner in _named_tables(other.tree, key).items()}
 
-    def layers(self, place: Place) -> dict[Place, dict[str, Any]]:
+    def layers(self, document: Document, place: Place) -> dict[Place, dict[str, Any]]:
         """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is wrong.
 
         Without a base it is its own table over the defaults of its kind, and those over the laboratory's.
         """
-        layers, name, document = dict[Place, dict[str, Any]](), str(place[1]), self.document
+        layers, name = dict[Place, dict[str, Any]](), str(place[1])
         if place[0] == "variants":
             variant = self.variants[name]
             base = variant.get("base")
@@ -357,8 +347,8 @@ class _Tables:
 
     def experiment(self, checker: Checker, place: Place) -> Experiment | None:
         """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
-        document, layers = self.document, self.layers(place)
-        if not layers:
+        document = checker.document
+        if not (layers := self.layers(document, place)):
             return None
         base, kind_name = (next(str(at[1]) for at in layers if at[0] == key) for key in ("experiments", "defaults"))
         kind = self.kinds[kind_name]
@@ -415,28 +405,23 @@ def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, 
     return {place: (old.get(place, "none"), new.get(place, "none")) for place in places}
 
 
-def _check_names(document: Document, root: Path, places: Mapping[str, Place], variants: Collection[str]) -> None:
+def _check_names(document: Document, places: Mapping[str, Place], variants: Collection[str]) -> None:
     """Report names of experiments that cannot be names of files, or that a disk may take for one."""
-    alike: dict[str, list[str]] = {}
-    for name in places:  # two names that a Macintosh or Windows disk keeps in one file are one
-        alike.setdefault(unicodedata.normalize("NFC", name).casefold(), []).append(name)
+    alike: dict[str, str] = {}
     for name, place in places.items():
         if place[0] == "experiments" and name in variants:
             document.report(("variants", name), "an experiment has this name; give the variant another one")
-        problem = "it begins with a full stop" if name.startswith(".") else ""
-        problem = "it contains /" if "/" in name else problem
-        try:
-            safe_join(root, name)
-        except InputError as error:
-            problem = str(error).rpartition(": ")[2]
-        if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
+        problem = name_problem(name)
+        if problem is None and ("/" in name or name.startswith(".")):
+            problem = "it contains /, or begins with a full stop"
+        elif len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
             problem = f"it is longer than {_LONGEST_NAME} bytes"
         if problem:
             document.report(place, f"cannot be the name of an experiment: {problem}")
-    for twins in alike.values():
-        for name in twins if len(twins) > 1 else ():
-            other = next(twin for twin in twins if twin != name)
-            document.report(places[name], f'differs from "{other}" only in case; rename one')
+        # two names that a Macintosh or Windows disk keeps in one file are one
+        other = alike.setdefault(unicodedata.normalize("NFC", name).casefold(), name)
+        if other != name:
+            document.report(place, f'differs from "{other}" only in case; rename one')
 
 
 def _overlaid(

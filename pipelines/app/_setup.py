@@ -431,7 +431,7 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
 
 def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
     """Return the errors and missing values of a record."""
-    gaps: list[str] = []
+    gaps: dict[str, int] = {}
     try:
         document = parse(path, text)
         config.Checker(document, path.parent, gaps=gaps).structure(kind, document.tree, ())
@@ -440,4 +440,4 @@ def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
         return [*error.problems, *gaps]
     except LabpipeError as error:
         return [f"{path.name}:1: {error}"]
-    return gaps
+    return list(gaps)

@@ -1,12 +1,11 @@
 """Every value of a TOML file is found on its line."""
 
 import tomllib
-from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
 
-from labpipe.workflow.document import line_index
+from labpipe.workflow.document import line_index, placed
 
 DOCUMENT = '''\
 # a comment with [brackets] and = signs
@@ -53,16 +52,6 @@ LINES = {
 }
 
 
-def places(node: Any, place: tuple[str | int, ...] = ()) -> set[tuple[str | int, ...]]:
-    """All places of a parsed document."""
-    pairs: Any = node.items() if isinstance(node, dict) else ()
-    pairs = enumerate(node) if isinstance(node, list) else pairs
-    found = {place}
-    for key, child in pairs:
-        found |= places(child, (*place, key))
-    return found
-
-
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
 def test_each_value_is_on_its_line(ends: str) -> None:
     found = line_index(DOCUMENT.replace("\n", ends))
@@ -75,4 +64,4 @@ def test_whatever_the_parser_accepts_is_indexed_whole(text: str) -> None:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         return
-    assert places(tree) <= line_index(text).keys()
+    assert {place for place, _ in placed(tree)} <= line_index(text).keys()

@@ -43,14 +43,6 @@ def naps(number: int, folder: Path) -> int:
     return number
 
 
-class Lazy(dict[int, tuple[int]]):
-    """Tasks that say who was asked for."""
-
-    def __getitem__(self, key: int) -> tuple[int]:
-        self.asked = [*getattr(self, "asked", []), key]
-        return super().__getitem__(key)
-
-
 @pytest.mark.parametrize("jobs", [0, 2])
 def test_every_task_has_one_answer_and_an_error_is_raised(jobs: int) -> None:
     found = list(side_by_side(choose(jobs), DOUBLE, {f"n{i}": (i,) for i in range(20)}))
@@ -104,15 +96,6 @@ def test_a_call_elsewhere_computes_with_one_thread_or_tells_of_its_death(
     assert os.environ["OMP_NUM_THREADS"] == "7"
     with pytest.raises(Died, match="was the memory full"):
         elsewhere(Call(f"{__name__}:deadly", (5, tmp_path / "marker")))
-
-
-def test_tasks_are_asked_for_when_their_turn_comes() -> None:
-    tasks = Lazy({number: (number,) for number in range(1000)})
-    answers = side_by_side(choose(0), DOUBLE, tasks)
-    for _ in range(3):
-        next(answers)
-    answers.close()
-    assert len(tasks.asked) < 10
 
 
 @pytest.mark.slow

@@ -6,30 +6,16 @@ from labpipe.errors import InputError
 from labpipe.workflow.context import LedgerRow, counts, summarise
 
 
-def test_a_count_is_paired_with_the_total_it_belongs_to() -> None:
-    work = {
-        "frames_read": 10,
-        "frames_total": 100,
-        "bytes_read": 5,
-        "steps": 7,
-        "frames_dense_read": 3,
-        "frames_dense_total": 4,
-        "products": 2,
-        "products_total": 2,
-    }
-    rows = {row.name: (row.done, row.skipped) for row in summarise([("a", "s", work)])}
-    assert rows == {
-        "frames_read": (10, 90),
-        "bytes_read": (5, None),
-        "steps": (7, None),
-        "frames_dense_read": (3, 1),
-        "products": (2, 0),
-    }
-
-
-def test_recordings_of_a_stage_are_summed() -> None:
-    rows = summarise([("a", "s", {"steps": 1}), ("a", "s", {"steps": 2}), ("b", "s", {"steps": 4})])
-    assert rows == (LedgerRow("a", "s", "steps", 3, None), LedgerRow("b", "s", "steps", 4, None))
+def test_a_count_is_paired_with_its_total_and_summed_over_recordings() -> None:
+    first = {"frames_read": 10, "frames_total": 100, "bytes_read": 5, "frames_dense_read": 3, "frames_dense_total": 4}
+    rows = summarise([("a", "s", first), ("a", "s", {"frames_read": 1, "steps": 2}), ("b", "s", {"steps": 4})])
+    assert rows == (
+        LedgerRow("a", "s", "frames_read", 11, 89),
+        LedgerRow("a", "s", "bytes_read", 5, None),
+        LedgerRow("a", "s", "frames_dense_read", 3, 1),
+        LedgerRow("a", "s", "steps", 2, None),
+        LedgerRow("b", "s", "steps", 4, None),
+    )
 
 
 @pytest.mark.parametrize("work", ["x", '{"a": "b"}', {"a": float("nan")}, {"a": True}])

@@ -58,9 +58,9 @@ def _trouble(settings: Any, stage: str, path: Path | None = None) -> None:
     where, _, how = settings.trouble.partition(":")
     if where != stage:
         return
-    if how in ("written", "written once") and path is not None:
+    if how == "written once" and path is not None:
         text = path.read_text()
-        if how == "written" or not text.endswith("\n9.0"):
+        if not text.endswith("\n9.0"):
             path.write_text(text + "\n9.0")
         return
     if how == "die" or (how == "die once" and not Path(os.environ["TOY_DIED"]).exists()):

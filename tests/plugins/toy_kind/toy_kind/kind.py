@@ -7,40 +7,19 @@ from toy_kind.settings import RingingBar
 
 FREQUENCY = Schema("bar_frequency", {"frequency": Variable((), "Hz")})
 
+_EACH = {"per": "recording", "over": "recordings"}
 STAGES = (
-    Stage(
-        "readings",
-        "toy_kind.measured:readings",
-        ("file:recordings",),
-        per="recording",
-        over="recordings",
-        summary="read the vibrometer",
-    ),
+    Stage("readings", "toy_kind.measured:readings", ("file:recordings",), summary="read the vibrometer", **_EACH),
     Stage(
         "frequency",
         "toy_kind.measured:frequency",
         ("readings",),
-        per="recording",
-        over="recordings",
         schema="bar_frequency",
         summary="frequency by the times of its zeros",
+        **_EACH,
     ),
-    Stage(
-        "comparison",
-        "toy_kind.measured:comparison",
-        ("frequency",),
-        ("sag", "gravity"),
-        summary="mean of the recordings against the sag",
-    ),
-    Stage(
-        "report",
-        "toy_kind.page:page",
-        ("readings", "comparison"),
-        ("*",),
-        output="page",
-        context=True,
-        summary="write the page",
-    ),
+    Stage("comparison", "toy_kind.measured:comparison", ("frequency",), ("sag", "gravity"), summary="mean against sag"),
+    Stage("report", "toy_kind.page:page", ("readings", "comparison"), ("*",), output="page", context=True),
 )
 
 KIND = Kind(
