@@ -236,10 +236,10 @@ def filtered(
     return passed[::_FINENESS]
 
 
-def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
-    """Pass the force (sample,) [N] of every block through the cell's filter, while the stage moves and after.
+def passed(loads: xr.Dataset, force_values: Floats) -> Floats:
+    """Pass the force (sample,) [N] of every block through the cell's likeliest filter, while the stage moves and after.
 
-    ``kind`` is by default the likeliest. In a long hold the force is so slow that a filter leaves it as it is.
+    In a long hold the force is so slow that a filter leaves it as it is.
     """
     declared, made = declared_filter(loads), force_values.copy()
     interval = float(np.nanmedian(loads["sampling_interval"].values))
@@ -249,7 +249,7 @@ def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
         inside = moving[(moving >= where.start) & (moving < where.stop)]
         last = int(inside[-1]) if inside.size else where.start
         part = slice(where.start, min(where.stop, last + round(_SETTLED / interval)))
-        made[part] = filtered(force_values[part], interval, declared, kind or filter_kinds(loads)[0])
+        made[part] = filtered(force_values[part], interval, declared, filter_kinds(loads)[0])
     return made
 
 
