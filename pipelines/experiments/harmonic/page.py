@@ -67,7 +67,9 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
         how += "load cell's record states a filter_delay"
         if known is not None:
             how = f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
-        text = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz) delays the force by "
+        text = (
+            f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:.3g} Hz) delays the force by "
+        )
         text += f"{lag.min():.1f} to {lag.max():.1f}°. This was removed, {how}."
         notes.append(Notice("info", text))
     waves = [

@@ -308,13 +308,13 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     text = f"{record}: true force is {gain:.4g} times the displayed one"
     cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
     yield stated(_SCALE, text, level, cause=cause, file=record, setting="values.scale")
-    declared = mach1_readings.declared_filter(loads)
-    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    as_declared, measured = loads.assign_attrs(filter_delay="null"), json.loads(loads.attrs["filter_delay"])
+    declared = mach1_readings.declared_filter(as_declared)
     if declared is None or measured is None:
         yield not_made(_DELAY, "a measured delay, and a declared filter")
         return
     value, u = measured
-    expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null")).value
+    expected = mach1_readings.filter_delay(as_declared).value
     seen, usual = quantity(value, "s"), quantity(expected, "s")
     text = f"{record}: the delay is {seen}, a filter of order {int(declared['order'])} and {declared['cutoff']:.3g} Hz "
     cause = f"the delay of the filter in {record} is probably {usual}, not {seen}"
