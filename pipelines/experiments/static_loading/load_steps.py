@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
+from scipy.signal import find_peaks
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -94,27 +95,19 @@ def _noise(moved: Floats) -> float:
     return float(max(found.sigma, found.step / np.sqrt(12)))
 
 
-def clear_steps(displacement: xr.Dataset, sign: int = 1, least: float = _MORE) -> tuple[Floats, Floats]:
-    """Return time [s] and size [m] of all steps that stand out of the noise, whatever loads and times are stated.
+def clear_steps(displacement: xr.Dataset, least: float = _MORE) -> tuple[Floats, Floats]:
+    """Return time [s] and size [m] of all steps downwards that stand out of the noise, whatever loads are stated.
 
-    With ``sign`` 1 they are steps downwards, as a load makes them; with -1 those upwards. Steps smaller than ``least``
-    of the largest are left out.
+    Steps smaller than ``least`` of the largest are left out.
     """
     time, moved = valid(displacement)
-    level = np.median(np.lib.stride_tricks.sliding_window_view(sign * moved, SIDE), axis=1)
-    jump, clear = level[SIDE:] - level[:-SIDE], _CLEAR * _noise(moved)
-    found: list[tuple[float, float]] = []
-    free = np.ones(jump.size, dtype=bool)
-    while free.any():
-        best = int(np.argmax(np.where(free, jump, -np.inf)))
-        if jump[best] < max(clear, least * max((size for _, size in found), default=0.0)):
-            break
-        # between the two readings that differ most
-        at = best + 1 + int(np.argmax(sign * np.diff(moved[best + 1 : best + 2 * SIDE - 1])))
-        found.append((0.5 * float(time[at] + time[at + 1]), float(jump[best])))
-        free[max(0, best - 2 * SIDE) : best + 2 * SIDE + 1] = False
-    found.sort()
-    return np.array([at for at, _ in found]), np.array([size for _, size in found])
+    level = np.median(np.lib.stride_tricks.sliding_window_view(moved, SIDE), axis=1)
+    jump = level[SIDE:] - level[:-SIDE]
+    tops, _ = find_peaks(jump, height=_CLEAR * _noise(moved), distance=2 * SIDE + 1)
+    tops = tops[jump[tops] >= least * jump[tops].max(initial=0.0)]
+    # between the two readings that differ most
+    at = np.array([top + 1 + np.argmax(np.diff(moved[top + 1 : top + 2 * SIDE - 1])) for top in tops], int)
+    return 0.5 * (time[at] + time[at + 1]), jump[tops]
 
 
 def _starts(displacement: xr.Dataset, settings: StaticLoading) -> tuple[Floats, Floats]:
@@ -122,7 +115,7 @@ def _starts(displacement: xr.Dataset, settings: StaticLoading) -> tuple[Floats, 
     at, jump = clear_steps(displacement, least=0.0)
     search = settings.steps.search.value
     starts, sizes = [float(valid(displacement)[0][0])], [np.nan]
-    free = np.ones(at.size, dtype=bool)
+    free, late = np.ones(at.size, dtype=bool), list[str]()
     # steps with a given time first: their places are then taken
     for load in sorted(settings.loads[1:], key=lambda each: each.time is None):
         inside, where = free, "in the record"
@@ -138,17 +131,12 @@ def _starts(displacement: xr.Dataset, settings: StaticLoading) -> tuple[Floats, 
         starts.append(float(at[best]))
         sizes.append(float(jump[best]))
         free[best] = False
-    order = np.argsort(starts)
-    late = [
-        f"{load.mass.value:g} kg: {start:.0f} s, given {load.time.value:.0f} s"
-        for load, start in zip(settings.loads, np.array(starts)[order], strict=True)
-        if load.time is not None and abs(start - load.time.value) > 0.5 * search
-    ]
+        if load.time is not None and abs(at[best] - load.time.value) > 0.5 * search:
+            late.append(f"{load.mass.value:g} kg: {at[best]:.0f} s, given {load.time.value:.0f} s")
     if late:
-        warnings.warn(
-            "the loads were applied at other times than given; the detected times are used: " + "; ".join(late),
-            stacklevel=3,
-        )
+        text = "the loads were applied at other times than given; the detected times are used"
+        warnings.warn(f"{text}: {'; '.join(late)}", stacklevel=3)
+    order = np.argsort(starts)
     return np.array(starts)[order], np.array(sizes)[order]
 
 

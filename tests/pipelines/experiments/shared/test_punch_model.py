@@ -101,7 +101,8 @@ def test_a_changed_modulus_and_a_deeper_touch_change_the_force_by_as_much_as_a_s
     chosen, touch = geometry("parabola"), Quantity(0.0, 5e-6, "m")
     soft, stiff = (Prony(E, [], [], nu=0.5) for E in (5e6, 5.5e6))
     others = {"modulus": Variation(Quantity(5e6, 1e5, "Pa"), 0.5e6, stiff)}
-    force, effects, _ = simulated(loads, touch, soft, chosen, others)
+    effects, made = simulated(loads, touch, soft, chosen, others)
+    force = made["force"].values
     np.testing.assert_allclose(effects["modulus"].change, 0.1 * force, atol=2e-3 * force.max())
-    deeper, _, _ = simulated(loads, Quantity(5e-6, 5e-6, "m"), soft, chosen, {})
-    np.testing.assert_allclose(effects["first touch"].change, deeper - force, atol=2e-3 * force.max())
+    _, deeper = simulated(loads, Quantity(5e-6, 5e-6, "m"), soft, chosen, {})
+    np.testing.assert_allclose(effects["first touch"].change, deeper["force"] - force, atol=2e-3 * force.max())
