@@ -41,9 +41,8 @@ def relaxation(inputs: Inputs) -> Drawing:
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
             known = next((row[1:] for row in FORCES if abs(depth - row[0]) < 0.1 * row[0]), None)
-            clean = with_u(inputs.result(name, "curves", file).isel(ramp=0), "peak_force_unfiltered", 1.0, 2)
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {clean} N before the filter and {peak:.2f} N behind it, plateau "
+                f"{depth * 1e3:.2g} mm: peak {peak:.2f} N behind the cell's filter, plateau "
                 f"{with_u(at, 'plateau_force', 1.0, 2)} N (model {float(made['plateau_force_model'][0]):.2f} N), nRMSE "
                 f"{100 * float(made['nrmse_all'][0]):.2f} %"
                 + ("" if known is None else f" (printed {known[0]:g} and {known[1]:g} N)")

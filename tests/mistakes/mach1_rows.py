@@ -179,10 +179,6 @@ HOLD_ROWS = (
     _declared(HOLD, "Amplitude, mm", "0.0980", "0.9800", "declared amplitude is 10 times", _RELAX),
     _declared(HOLD, "Velocity, mm/s", "1.0000", "0.1000", "declared velocity is too small by a factor of 10", _RELAX),
     Mistake(
-        "force in kgf under N",
-        columns(lambda t, x, f: (t, x, f / 9.80665), HOLD),
-        "impossible",
-        ("factor of 9.8",),
-        HOLD,
+        "force in kgf under N", columns(lambda t, x, f: (t, x, f / 9.80665), HOLD), "doubtful", ("factor of 9.8",), HOLD
     ),
 )

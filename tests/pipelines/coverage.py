@@ -220,12 +220,6 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     for name in ("plateau_force", "depth"):
         note(scores, name.replace("_", " "), float(ramps[name][0]) - known[name], ramps[f"u_{name}"].values[0])
     note(scores, "first touch", float(ramps["contact_position"]) - known["surface"], ramps["u_contact_position"].values)
-    note(
-        scores,
-        "peak force",
-        float(curves["peak_force_unfiltered"][0]) - known["peak_force"],
-        curves["u_peak_force_unfiltered"].values[0],
-    )
     # The plateau's own modulus is asked for here, not the relaxed one that it still falls to.
     real = Geometry.of(
         msgspec.structs.replace(

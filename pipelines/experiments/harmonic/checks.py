@@ -1,4 +1,4 @@
-"""Checks of a harmonic indentation: commands, columns, cell, punch and phase."""
+"""Checks of a harmonic indentation: commands, columns, cell and punch."""
 
 import numpy as np
 import xarray as xr
@@ -46,17 +46,12 @@ def _tested(
     oscillations: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Tested:
-    """Return the recording with depth, mean force and phase of its oscillations."""
-    name, force, expected = settings.mach1, np.nan, np.nan
-    if oscillations is None:
-        return Tested(name, readings, loads)
-    deepest = oscillations["mean_position"] + oscillations["amplitude"] - oscillations["contact_position"]
-    depth = float(deepest.max())
-    if loads is not None and bool(loads.attrs["is_tared"]) and comparison is not None and "bias" in comparison:
-        force = float(oscillations["mean_force"][0])
-        expected = force - float(comparison["bias"][0])
-    lag, u, frequency = (oscillations[n].values for n in ("phase_lag", "u_phase_lag", "frequency"))
-    worst = int(np.argmax(np.abs(lag - np.pi / 4)))  # the loss angle that lies furthest outside
-    at, u_at, hertz = (float(each[worst]) for each in (lag, u, frequency))
-    check = mach1_checks.phase(name, at, u_at, hertz, settings.load_cell.record)
-    return Tested(name, readings, loads, depth, force, expected, (check,))
+    """Return the recording with depth and mean force of its oscillations."""
+    depth = force = expected = np.nan
+    if oscillations is not None:
+        deepest = oscillations["mean_position"] + oscillations["amplitude"] - oscillations["contact_position"]
+        depth = float(deepest.max())
+        if loads is not None and loads.attrs["is_tared"] and comparison is not None and "bias" in comparison:
+            force = float(oscillations["mean_force"][0])
+            expected = force - float(comparison["bias"][0])
+    return Tested(settings.mach1, readings, loads, depth, force, expected)

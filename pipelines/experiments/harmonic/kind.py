@@ -1,18 +1,7 @@
 """The kind ``harmonic``: its settings, stages and results."""
 
-from labpipe.schema import Schema, Variable
 from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.harmonic.settings import Harmonic
-
-_OSCILLATIONS = Schema(
-    "oscillations",
-    {
-        "frequency": Variable(("oscillation",), "Hz"),
-        "storage_stiffness": Variable(("oscillation",), "N/m"),
-        "loss_stiffness": Variable(("oscillation",), "N/m"),
-        "work_per_cycle": Variable(("oscillation",), "J"),
-    },
-)
 
 _STAGES = (
     stage("shared.mach1_readings:readings", "file:mach1", "columns exclude", "read the Mach-1 file"),
@@ -27,7 +16,6 @@ _STAGES = (
         "loads",
         "contact cycles",
         "fit frequency, amplitude, phase; work and stiffness per cycle",
-        schema="oscillations",
     ),
     stage(
         "harmonic.measured:loops",
@@ -58,7 +46,6 @@ KIND = Kind(
     summary="harmonic indentation by a periodic punch",
     settings=Harmonic,
     stages=_STAGES,
-    schemas=(_OSCILLATIONS,),
     key_numbers=(KeyNumber("storage stiffness", "N/m", "oscillations", "storage_stiffness"),),
     picture=Picture("loops", "position", "force"),
     rows=derived("harmonic.comparison:rows", "comparison oscillations model"),

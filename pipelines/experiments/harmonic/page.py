@@ -1,7 +1,6 @@
 """The report of a harmonic indentation."""
 
 import json
-from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -68,7 +67,9 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
         how += "load cell's record states a filter_delay"
         if known is not None:
             how = f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
-        text = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz) delays the force by "
+        text = (
+            f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:.3g} Hz) delays the force by "
+        )
         text += f"{lag.min():.1f} to {lag.max():.1f}°. This was removed, {how}."
         notes.append(Notice("info", text))
     waves = [
@@ -144,25 +145,6 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
     return Section("Dissipation and detachment", (listed(columns, caption),))
 
 
-def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    """Show the force over time at the frequency that the model misses most; the loops show all."""
-    errors = None if comparison is None else comparison["nrmse"].values
-    at = oscillations.isel(oscillation=0 if errors is None else int(np.nanargmax(errors)))
-    where = mach1_readings.rows(loads, int(at["block"]))
-    time, measured = (loads[name].values[where] for name in ("time", "force"))
-    views, label = (("evaluated cycles", float(at["begin"]), float(at["end"])),), f"{float(at['frequency']):.4g} Hz"
-    drawn = partial(LineChart, x_label="time in the block / s", group="time", views=views)
-    force, rest = [Series("measured", time, measured, role="measured")], list[Block]()
-    if comparison is not None:
-        simulated = comparison["simulated_force"].values[where]
-        force.append(Series("model", time, simulated, role="model"))
-        left = [Series("measured − model", time, measured - simulated, role="residual")]
-        caption = "The frequency with the largest nRMSE."
-        rest = [drawn(f"Difference at {label}", y_label="difference / N", series=left, height_px=150, caption=caption)]
-    first = drawn(f"Force at {label}", y_label="force / N", series=force, height_px=240)
-    return Section("Force over time", (first, *rest))
-
-
 def _loops(
     loops: xr.Dataset, oscillations: xr.Dataset, loads: xr.Dataset | None = None, comparison: xr.Dataset | None = None
 ) -> Section:
@@ -211,7 +193,7 @@ page = Report(
     "Harmonic indentation",
     ("readings", "loads", "oscillations", "loops", "model", "theory", "comparison"),
     (
-        summary(compared_rows, _details), measured, _frequencies, _stiffness, _dissipation, _curves, _loops,
+        summary(compared_rows, _details), measured, _frequencies, _stiffness, _dissipation, _loops,
         budgets(quantities), _methods,
     ),
     compared_rows,

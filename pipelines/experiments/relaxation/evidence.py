@@ -10,12 +10,11 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, LinearModel, Parameter, force_evidence, lee_radok_basis
 from pipelines.experiments.relaxation.measured import find
-from pipelines.experiments.relaxation.moduli import elastic_area
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
-from pipelines.experiments.shared.punch_model import Geometry
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
@@ -91,7 +90,7 @@ def _of_file(
     grid = np.union1d(clock[told], places)
     rows = np.searchsorted(grid, places)
     areas = [
-        np.interp(grid, clock[told], elastic_area(position[told] - touch - shift, geometry)) for shift in (0.0, SHIFT)
+        np.interp(grid, clock[told], _elastic_area(position[told] - touch - shift, geometry)) for shift in (0.0, SHIFT)
     ]
 
     def basis(rho: Floats, area: Floats) -> tuple[Floats, Floats]:
@@ -109,3 +108,11 @@ def _of_file(
         return force_evidence(label, lag, force, u, usual, shifts=shifts, factors=factors, offsets=offsets)
 
     return lag, [*unknowns, zero, tare, *([FILTER] if delay.u > 0.0 else [])], build
+
+
+def _elastic_area(depth: Floats, geometry: Geometry) -> Floats:
+    """Return elastic force over reduced modulus of a history that only grows, by interpolation."""
+    grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * float(depth.max())])
+    # a contact that once was as wide keeps its width: the running maximum stands for the depth
+    reached = np.maximum.accumulate(np.maximum(depth, 0.0))
+    return np.asarray(np.interp(reached, grid, elastic_force(grid, geometry)))

@@ -2,33 +2,8 @@
 
 from functools import partial
 
-from labpipe.schema import Schema, Variable
 from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.relaxation.settings import Relaxation
-
-_RAMPS = Schema(
-    "ramps",
-    {
-        name: Variable(("ramp",), units)
-        for name, units in (
-            ("depth", "m"),
-            ("u_depth", "m"),
-            ("peak_force", "N"),
-            ("u_peak_force", "N"),
-            ("plateau_force", "N"),
-            ("u_plateau_force", "N"),
-        )
-    },
-)
-
-_RELAXATIONS = Schema(
-    "relaxations",
-    {
-        "depth": Variable(("test",), "m"),
-        "peak_force": Variable(("test",), "N"),
-        "plateau_force": Variable(("test",), "N"),
-    },
-)
 
 _each = partial(stage, per="recording", over="mach1")
 
@@ -40,9 +15,7 @@ _STAGES = (
         "",
         "compression-positive force, tared, with uncertainty",
     ),
-    _each(
-        "relaxation.measured:ramps", "loads", "contact", "find touch, ramps and holds: peak and plateau", schema="ramps"
-    ),
+    _each("relaxation.measured:ramps", "loads", "contact", "find touch, ramps and holds: peak and plateau"),
     _each(
         "relaxation.moduli:curves",
         f"loads ramps {solid_of('substrate')}",
@@ -56,13 +29,7 @@ _STAGES = (
         "simulate with the measured displacement",
     ),
     _each("relaxation.comparison:comparison", "loads ramps model", "", "measurement against model: ramp, early, late"),
-    stage(
-        "relaxation.measured:tests",
-        "ramps curves comparison",
-        "mach1",
-        "combine the tests, average the modulus",
-        schema="relaxations",
-    ),
+    stage("relaxation.measured:tests", "ramps curves comparison", "mach1", "combine the tests, average the modulus"),
     judged("relaxation", "readings loads ramps comparison", rests_on="substrate.material_from"),
     reported("relaxation", "readings loads ramps curves model comparison tests"),
 )
@@ -73,12 +40,11 @@ KIND = Kind(
     summary="relaxation of rubber under a periodic punch",
     settings=Relaxation,
     stages=_STAGES,
-    schemas=(_RAMPS, _RELAXATIONS),
     key_numbers=(KeyNumber("plateau force", "N", "tests", "plateau_force"),),
     picture=Picture("loads", "time", "force"),
     error="nrmse_all",
     rows=derived("relaxation.comparison:rows", "ramps comparison"),
-    budget=derived("relaxation.budget:quantities", "loads curves"),
+    budget=derived("relaxation.budget:quantities", "curves"),
     body="substrate",
     evidence=derived("relaxation.evidence:evidence", f"loads ramps curves {solid_of('substrate')}"),
     proposal=proposal("force", "shared.punch_proposal:relaxations"),

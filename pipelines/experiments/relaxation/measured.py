@@ -220,24 +220,19 @@ def tests(
 def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
     """Average the modulus over the tests, weighted by the part of u that they do not share.
 
-    The scatter is tested against the stated uncertainties; where it is larger, they grow by the
-    Birge ratio.
+    Where the scatter exceeds the stated uncertainties, they grow by the Birge ratio.
     """
     names = ("reduced_modulus", "reduced_modulus_own_part", "u_reduced_modulus")
-    value, own, whole = (table[name].values for name in names)
-    usable = np.isfinite(value) & (own > 0)
-    weight = 1 / own[usable] ** 2
-    mean = float(np.sum(weight * value[usable]) / weight.sum())
-    shared = float(np.mean(np.sqrt(np.maximum(whole[usable] ** 2 - own[usable] ** 2, 0.0))))
-    freedom = int(usable.sum()) - 1
-    birge = max(1.0, np.sqrt(float(np.sum(weight * (value[usable] - mean) ** 2)) / freedom)) if freedom > 0 else 1.0
+    value, own, whole = (table[name].values[np.isfinite(table["reduced_modulus"])] for name in names)
+    mean, weights = np.average(value, weights=1 / own**2, returned=True)
+    birge = max(1.0, float(np.sqrt(np.sum(((value - mean) / own) ** 2) / max(value.size - 1, 1))))
     if birge > _BIRGE_LIMIT:
         warnings.warn(
             f"the moduli of the depths differ by {birge:.1f} times their uncertainties: the rubber "
             "is not linear, or the punch is not what session.toml says",
             stacklevel=2,
         )
-    u = float(np.hypot(birge / np.sqrt(weight.sum()), shared))
+    u = float(np.hypot(birge / np.sqrt(weights), np.mean(np.sqrt(np.maximum(whole**2 - own**2, 0.0)))))
     tension = 1 - nu**2
     return xr.Dataset(
         with_u("mean_reduced_modulus", (), mean, u, "Pa", "relaxed reduced modulus over all tests")

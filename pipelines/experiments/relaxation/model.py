@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from labpipe.variables import variable
 from pipelines.experiments.relaxation.measured import Hold, find
-from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.model_inputs import table_of
@@ -32,7 +31,7 @@ def model(
     if not np.isfinite(touch.value):
         return xr.Dataset(attrs={"absent": ramps.attrs["contact"]})
     longest = float(ramps["duration"].max())
-    solid, effects, made = modelled(loads, touch, settings, material_file, fitted, (_SHORTEST, longest))
+    _, effects, made = modelled(loads, touch, settings, material_file, fitted, (_SHORTEST, longest))
     # each file has a first touch of its own: what the files have in common is the punch and the solid
     shared = {name: effect for name, effect in effects.items() if name != TOUCH}
     time, block = loads["time"].values, loads["block"].values
@@ -40,17 +39,12 @@ def model(
     at_end = [(block == int(number)) & (time >= begin) & (time <= last) for number, begin, last in ends]
     slopes = [[float(e.change[where].mean()) / e.step for e in shared.values()] for where in at_end]
     nodes = np.array([_nodes(loads, hold) for hold in find(loads)])
-    interval = float(loads["sampling_interval"][0])
-    elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
-    modulus = np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2)
     table = {
-        "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus of the material"),
         "node": variable(("ramp", "stretch"), nodes, "1", "sample at which the effects of the inputs are given"),
         **along(effects, [np.split(one, one.size) for one in nodes], "ramp"),
         SLOPES: variable(("ramp", "uncertain"), slopes, "1", "change of the plateau's force with an input, SI"),
     }
-    coords = {"ramp": ramps["ramp"], "elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")}
-    made = made.assign(table).assign_coords(coords)
+    made = made.assign(table).assign_coords(ramp=ramps["ramp"])
     return made.merge(table_of({name: effect.given for name, effect in shared.items()}))
 
 

@@ -1,17 +1,4 @@
-"""The relaxation curve of a test, and moduli from its force.
-
-A test is one ramp with its hold. As long as the contact only grows, the force is that of the
-elastic contact run through the relaxation modulus (Lee and Radok),
-
-    F(t) = ∫ E*(t − s) dA(Δ(s)),     A: elastic force over reduced modulus,
-
-whatever the punch's shape; so the modulus follows from the force without a model of the material.
-
-References
-----------
-Thesis section 2.3.2 and eq. (2.17); E. H. Lee & J. R. M. Radok, J. Appl. Mech. 27 (1960) 438,
-https://doi.org/10.1115/1.3644020.
-"""
+"""The relaxation curve of a test, one ramp with its hold, and the modulus from its plateau (thesis, eq. 2.17)."""
 
 import json
 from pathlib import Path
@@ -19,25 +6,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from scipy.optimize import nnls
 
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
-from labpipe.identification import lee_radok_basis
 from labpipe.signals import independent_count
 from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
-from labpipe.variables import from_rows, variable, with_u
+from labpipe.variables import from_rows, variable
 from pipelines.experiments.relaxation.measured import Hold, find, systematic
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 
-BINS_PER_DECADE = 12  # of the relaxation curve
-_TERMS_PER_DECADE = 3  # of the modulus that is fitted
-_FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
-_RESOLVED = 4.0  # sampling intervals: the fitted modulus at shorter times is a guess
-_FIT_READINGS = 400  # of a hold
+_BINS_PER_DECADE = 12  # of the relaxation curve
 _ENOUGH = 100  # readings from which noise is known to 7 %
 _NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
 
@@ -66,8 +46,6 @@ def curves(
     result = result.merge(xr.Dataset(from_rows("ramp", [m for m, _ in moduli], columns)))
     result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
     result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
-    if loads.attrs["is_tared"]:
-        result = result.merge(_fitted(loads, found, touch, geometry), combine_attrs="drop_conflicts")
     return result
 
 
@@ -78,7 +56,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
     """
     interval = float(loads["sampling_interval"][found[0].block])
     longest = max(hold.last - hold.end for hold in found)
-    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * BINS_PER_DECADE) + 2)
+    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * _BINS_PER_DECADE) + 2)
     text = "force in the hold, as recorded behind the cell's filter"
     columns = {
         "force": ("N", text),
@@ -153,66 +131,3 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
         "reduced_modulus_own_part": combined_uncertainty([*own, touch]),
     }
     return row, budget_rows(sources)
-
-
-def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geometry) -> xr.Dataset:
-    """Fit the relaxation modulus to the force, and return it with the force before the filter.
-
-    Every Maxwell term of weight one gives a force by Lee and Radok's integral; the weights follow
-    by non-negative least squares, after each of these forces has passed the cell's filter.
-    """
-    interval = float(loads["sampling_interval"][found[0].block])
-    area = elastic_area(loads["position_z"].values - touch, geometry)
-    longest = max(hold.last - hold.end for hold in found)
-    fastest, first = _FASTEST * interval, _RESOLVED * interval
-    rho = np.geomspace(fastest, longest, int(np.log10(longest / fastest) * _TERMS_PER_DECADE))
-    basis = lee_radok_basis(mach1_readings.clock(loads), area, rho, 0.0)
-    rows = _fit_rows(loads, found)
-    measured, at = loads["force"].values[rows], loads["time"].values[rows]
-    answers, kinds = [], mach1_readings.filter_kinds(loads)
-    for kind in kinds:
-        passed = np.column_stack([mach1_readings.passed(loads, column, kind)[rows] for column in basis.T])
-        scale = np.maximum(np.abs(passed).max(axis=0), 1e-300)
-        answers.append(nnls(passed / scale, measured)[0] / scale)
-    chosen, clean = answers[0], [basis @ each for each in answers]
-    lag = np.geomspace(first, longest, int(np.log10(longest / first) * BINS_PER_DECADE))
-    modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
-    peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
-    rest = measured - mach1_readings.passed(loads, clean[0], kinds[0])[rows]
-    misfit = []
-    for hold in found:  # about the end of the ramp
-        near = (rows >= hold.rows.start) & (rows < hold.rows.stop)
-        near &= np.abs(at - hold.end) < max(hold.end - hold.begin, 0.1)
-        misfit.append(float(np.sqrt(np.mean(rest[near] ** 2))))
-    of_filter = np.abs(peaks[-1] - peaks[0]) / np.sqrt(3.0)
-    u_peak = np.sqrt(np.square([systematic(loads, p) for p in peaks[0]]) + np.square(misfit) + of_filter**2)
-    return xr.Dataset(
-        {
-            "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus, fitted to the force"),
-            **with_u("peak_force_unfiltered", "ramp", peaks[0], u_peak, "N", "largest force before the filter"),
-            "peak_filter_part": variable("ramp", of_filter, "N", "part of it that the unknown kind of filter leaves"),
-        },
-        coords={
-            "ramp": np.arange(1, len(found) + 1),
-            "elapsed": variable("elapsed", lag, "s", "time since a step of strain"),
-        },
-        attrs={"work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(rho.size + 1)})},
-    )
-
-
-def elastic_area(depth: Floats, geometry: Geometry) -> Floats:
-    """Return elastic force over reduced modulus of a history that only grows, by interpolation."""
-    grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * float(depth.max())])
-    # a contact that once was as wide keeps its width: the running maximum stands for the depth
-    reached = np.maximum.accumulate(np.maximum(depth, 0.0))
-    return np.asarray(np.interp(reached, grid, elastic_force(grid, geometry)))
-
-
-def _fit_rows(loads: xr.Dataset, found: list[Hold]) -> Integers:
-    """Choose readings: all of a ramp, and then evenly over the logarithm of time."""
-    rows = [np.empty(0, np.int64)]
-    for hold in found:
-        arrival = hold.rows.start + int(np.searchsorted(loads["time"].values[hold.rows], hold.end))
-        after = np.geomspace(1, max(hold.rows.stop - arrival - 1, 1), _FIT_READINGS).astype(np.int64)
-        rows += [np.arange(hold.rows.start, arrival + 1), arrival + after]
-    return np.unique(np.concatenate(rows))

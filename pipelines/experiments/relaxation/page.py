@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, LineChart, Listed, Notice, Paragraph, Section, Series, listed
+from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.measured import find
@@ -15,7 +15,6 @@ from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
 from pipelines.experiments.shared.reports import Report, budgets, is_there, summary
 
-_MPA = 1e-6
 _RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
 
 
@@ -41,30 +40,20 @@ def _details(
 
 
 def _tests(tests: xr.Dataset) -> Section:
-    clean = "peak_force_unfiltered"
-    is_clean = clean in tests and bool(np.isfinite(tests[clean]).all())
-    peak = clean if is_clean else "peak_force"
-    top, level = tests[peak].values, tests["plateau_force"].values
-    ratio = top / level
+    top, level = tests["peak_force"].values, tests["plateau_force"].values
     # the cell's gain is in both and cancels, so that this is rather too large
-    u = np.abs(ratio) * np.hypot(tests[f"u_{peak}"].values / top, tests["u_plateau_force"].values / level)
+    u = np.abs(top / level) * np.hypot(tests["u_peak_force"].values / top, tests["u_plateau_force"].values / level)
     columns = (
         Listed("test", list(json.loads(tests.attrs["names"]))),
         *([pages.column(tests, "depth", "depth")] if np.isfinite(tests["depth"]).any() else []),
-        pages.column(tests, peak, "peak"),
-        *([pages.column(tests, "peak_force", "peak as recorded")] if is_clean else []),
+        pages.column(tests, "peak_force", "peak"),
         pages.column(tests, "plateau_force", "plateau"),
-        Listed("peak/plateau", ratio.tolist(), u=u.tolist()),
+        Listed("peak/plateau", (top / level).tolist(), u=u.tolist()),
         pages.column(tests, "speed", "ramp speed"),
         pages.column(tests, "duration", "hold"),
     )
-    caption = "The peak is as recorded, behind the load cell's filter if it has one"
-    if is_clean:
-        caption = (
-            "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it; its "
-        )
-        caption += "uncertainty includes the filter's unknown type"
-    return Section("Tests", (listed(columns, f"{caption}; the plateau is the mean over the end of the hold."),))
+    caption = "The peak is as recorded, behind the load cell's filter if it has one; the plateau is the mean over the "
+    return Section("Tests", (listed(columns, f"{caption}end of the hold."),))
 
 
 def _ramps(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
@@ -125,36 +114,17 @@ def _holds(
     return Section("Relaxation", tuple(charts))
 
 
-def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset, model: Sequence[xr.Dataset] | None = None) -> Section:
+def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset) -> Section:
     absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
     if absent is not None:
         return Section("Modulus", (Notice("info", f"{absent}."),))
-    text = (
-        "The plateau gives the relaxed reduced modulus E/(1 − ν²) as force over the elastic "
-        "force of a unit modulus at the same depth (eq. 2.17 inverted, for the punch's own "
-        "profile). The relaxation modulus is fitted to the force from the ramp to the end of "
-        "the hold through Lee and Radok's integral; no material was assumed."
+    caption = (
+        "Relaxed reduced modulus E/(1 − ν²): plateau over the elastic force of a unit modulus at the same depth "
+        "(eq. 2.17 inverted, for the punch's own profile)."
     )
-    series, number = [], 0
-    for curve in curves:
-        if "relaxation_modulus" in curve:
-            modulus = curve["relaxation_modulus"].values * _MPA
-            series.append(Series(_label(tests, number), curve["elapsed"].values, modulus, role="measured"))
-        number += curve.sizes["ramp"]
-    known = next((m for m in model or () if "relaxation_modulus" in m), None)
-    if series and known is not None:
-        modulus = known["relaxation_modulus"].values * _MPA
-        series.append(Series("of the material", known["elapsed"].values, modulus, role="model"))
-    blocks: list[Block] = [Paragraph(text)]
-    if series:
-        caption = "For a linear material all curves coincide. They begin where ramp and filter allow processes to be "
-        caption += "resolved."
-        labels = ("Relaxation modulus from the force", "time / s", "reduced modulus / MPa")
-        blocks.append(LineChart(*labels, tuple(series), x_scale="log", height_px=280, caption=caption))
     depths = [_label(tests, i) for i in range(tests.sizes["test"])]
     columns = (Listed("depth", depths), pages.column(tests, "reduced_modulus", "reduced modulus"))
-    blocks.append(listed(columns, "Reduced modulus by the plateau of each test.", sortable=False))
-    return Section("Modulus", tuple(blocks))
+    return Section("Modulus", (listed(columns, caption, sortable=False),))
 
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:

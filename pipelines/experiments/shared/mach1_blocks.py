@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import dataclass
-from datetime import datetime
+from decimal import Decimal
 from math import nan
 from typing import Any
 
@@ -19,10 +19,10 @@ _CLEAR, _SHARE = 10.0, 0.2
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One block: its columns [s, m, N], and the place of its header in the file.
+    """One block: its columns [s, m, N], and the lines of its ``<INFO>`` and of its column names.
 
-    ``line`` is the line of ``<INFO>``, ``header_line`` that of the column names; ``outliers`` are the runs of
-    readings that were left out and are bridged here, ``lateral`` Fx and Fy where the cell has them.
+    ``outliers`` are the runs of readings that were left out and are bridged here, ``lateral`` Fx and Fy where the cell
+    has them.
     """
 
     file: str
@@ -51,15 +51,13 @@ class Part:
         return {"file": self.file, "line": self.header_line}
 
     def declared(self, name: str) -> tuple[float, float, int | None]:
-        """Return a declared value [SI] with the uncertainty of its rounding, and its line."""
+        """Return a declared value other than 0 [SI] with the uncertainty of its rounding, and its line."""
         for place, parameter in enumerate(self.header["parameters"]):
-            value, text = parameter["value"], str(parameter["text"])
-            if parameter["key"].partition(",")[0] == name and value is not None:
-                written = abs(float(text.replace(",", "."))) if text.strip("-+0., ") else 0.0
-                _, point, decimals = text.replace(",", ".").partition(".")
-                last = 10.0 ** -len(decimals) if point else 1.0
-                factor = abs(value) / written if written else 0.0
-                return float(value), last * factor / 12**0.5, self.line + len(self.header["info_lines"]) + 3 + place
+            if parameter["key"].partition(",")[0] == name and parameter["value"]:
+                written = Decimal(str(parameter["text"]).replace(",", "."))
+                value, rounding = float(parameter["value"]), 10.0 ** int(written.as_tuple().exponent) / 12**0.5
+                line = self.line + len(self.header["info_lines"]) + 3 + place
+                return value, abs(value / float(written)) * rounding, line
         return nan, nan, None
 
     @property
@@ -87,10 +85,10 @@ class Part:
     def speed(self) -> float:
         """Speed of the middle of the first ramp [m/s]; NaN where fewer than three readings show it."""
         first, travel = self.segment == self.segment[0], self.moved(self.position)
-        time, x = self.time[first], self.position[first]
-        share = (x - x[0]) / (travel or nan)
-        inside = (share > 0.1) & (share < 0.9) & (np.arange(x.size) <= np.argmax(share > 0.99))
-        return abs(float(np.polyfit(time[inside], x[inside], 1)[0])) if inside.sum() >= 3 else nan
+        share = (self.position[first] - self.position[0]) / (travel or nan)
+        low, high = (int(np.argmax(share > part)) for part in (0.1, 0.9))
+        begin, end = np.interp((0.1, 0.9), share[: high + 1], self.time[first][: high + 1])
+        return abs(0.8 * travel / float(end - begin)) if high - low > 2 and end > begin else nan
 
     @property
     def frequency(self) -> tuple[float, float]:
@@ -117,8 +115,7 @@ class Part:
             return nan, nan, False
         low, high = (np.abs(x - end) < 0.1 * np.ptp(x) for end in (x.min(), x.max()))
         rise, travel = float(f[high].mean() - f[low].mean()), float(x[high].mean() - x[low].mean())
-        noise = float(np.diff(f, 2).std()) / np.sqrt(6.0)
-        u = noise * float(np.sqrt(1.0 / low.sum() + 1.0 / high.sum()))
+        u = float(np.diff(f, 2).std()) / 6.0**0.5 * float(1.0 / low.sum() + 1.0 / high.sum()) ** 0.5
         spread = float(np.ptp(np.quantile(f, [0.05, 0.95])))
         return rise / travel, u / travel, spread > 0.0 and abs(rise) > max(_CLEAR * u, _SHARE * spread)
 
@@ -140,11 +137,3 @@ def parts(name: str, readings: xr.Dataset) -> list[Part]:
             found.append(Part(name, number, header, time[where], x, f, segment[where], line, names, runs, lateral))
         line = names - 1 + (header["rows"] + len(header["dividers"]) + 3 if header["has_data"] else 0)
     return found
-
-
-def between(part: Part, after: Part) -> float:
-    """Return the time from the beginning of a block to that of a later one [s]; NaN where a header says none."""
-    began, next_began = (str(p.header.get("start") or "") for p in (part, after))
-    if not (began and next_began):
-        return nan
-    return (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()

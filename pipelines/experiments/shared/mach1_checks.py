@@ -9,48 +9,36 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from itertools import pairwise
-from math import exp, hypot, isfinite, log, nan, pi
+from math import hypot, isfinite, log, nan
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.stats import linregress
 
 from labpipe.contact.line import westergaard
-from labpipe.judging import (
-    DOUBTFUL,
-    Cause,
-    Check,
-    Level,
-    bounded,
-    compared,
-    in_words,
-    judge,
-    not_made,
-    stated,
-    too_large,
-)
+from labpipe.judging import Cause, Check, Level, bounded, compared, in_words, judge, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, mach1_readings
-from pipelines.experiments.shared.judgements import Title, because
-from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, between, parts
+from pipelines.experiments.shared.judgements import Title
+from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
 from pipelines.experiments.shared.record_checks import longest_run, placed
 
 _AMPLITUDE, _FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
 _TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
 _CAPACITY, _SCALE, _DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
-_RESPONSE, _SATURATION = "response of the cell", "saturation of the cell"
-_RATIO, _DEPTHS = "force for the named material", "force at other depths"
-_SIGN, _PHASE, _OUTLIERS = "sign of the stiffness", "phase lag", "outliers"
+_SATURATION, _RATIO, _RESPONSE = "saturation of the cell", "force for the named material", "response of the cell"
 _DIRECTION, _SWAPPED, ALIGNMENT = "direction of the motion", "order of the columns", "lateral force"
-_SIZE, _PERIOD = "size of the punch", "period of the punch"
+_OUTLIERS, _PUNCH = "outliers", "size of the punch"
 
 TITLES = {
     "columns": Title(
         "Position and force stand in their columns, with the stage's direction and the cell's sign.",
-        (_SWAPPED, _DIRECTION, _SIGN),
+        (_SWAPPED, _DIRECTION, _RESPONSE),
     ),
     "commands": Title(
         "The motion has the amplitude, frequency, travel and speed of its command.",
@@ -58,13 +46,11 @@ TITLES = {
     ),
     "clock": Title("Times of the readings and of the blocks are consistent.", (_CLOCK,)),
     "load cell": Title(
-        "The force stays within the cell's capacity and is scaled once.",
-        (_CAPACITY, _SCALE, _DELAY, _RESPONSE, _SATURATION),
+        "The force stays within the cell's capacity and is scaled once.", (_CAPACITY, _SCALE, _DELAY, _SATURATION)
     ),
-    "order of motion and force": Title("Force follows motion: 0 < phase lag < 90°.", (_PHASE,)),
     "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
-    "punch": Title("The stated punch can be pressed in so far.", (_SIZE, _PERIOD)),
-    "contact modulus": Title("Forces give one modulus, that of the material, at all depths.", (_RATIO, _DEPTHS)),
+    "punch": Title("The stated punch can be pressed in so far.", (_PUNCH,)),
+    "contact modulus": Title("The force is that of the model for the named material.", (_RATIO,)),
     "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS,)),
 }
 OF_LOADS = "the file, or the record of its load cell, does not belong to this test"
@@ -89,16 +75,11 @@ _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the n
 _RUN, _LEAVES = 5, 20.0
 """Readings in a row at an extreme, and steps of the cell by which a force changes in as many before
 or after: behind a smooth peak that stays on one step for n readings it changes by 8 in n more."""
-_SOONER, _LATER = 0.25, 0.6
-"""Of the delay that order and cutoff of a Butterworth say, by which another filter may have less or more: three equal
-poles have 0.76 times as much, Bessel's 0.88, Chebyshev's more."""
-_OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
+_DELAYS = 0.6  # of the delay of a Butterworth, by which another filter may have less (three equal poles) or more
+_WRONG_FACTOR = 3.0  # of true over displayed force
 _U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
-_RIGHT = 1.0  # of the logarithm of a force over the expected one: no unit is so near to another
-_OF_DEPTHS = log(1.5)
-"""By which forces over those of the model may differ from depth to depth: layers, rough tips, a touch found late."""
 _MANY = 0.01  # of the readings of a block, left out as outliers
-_LARGEST_PUNCH, _LARGE_PUNCH = 0.5, 0.15  # m, either way
+_LARGEST_PUNCH = 0.5  # m, either way
 
 
 @dataclass(frozen=True)
@@ -106,7 +87,7 @@ class Tested:
     """One recording of an indentation, as far as its steps gave a result.
 
     ``depth`` is the largest one [m], ``force`` and ``expected`` are the force of one state and that of the model for
-    the named material [N]; NaN where there is none. ``own`` are further checks.
+    the named material [N]; NaN where there is none.
     """
 
     name: str
@@ -115,7 +96,6 @@ class Tested:
     depth: float = nan
     force: float = nan
     expected: float = nan
-    own: tuple[Check, ...] = ()
 
 
 def of_tests(
@@ -127,31 +107,19 @@ def of_tests(
     """
     cell = next((test.loads for test in tests if test.loads is not None), None)
     of_cell = [] if cell is None else list(_of_cell(settings.load_cell, cell))
-    checks: list[Check] = []
+    checks, depths = list[Check](), [nan]
     for test in tests:
         if test.readings is None:
             checks.append(not_made(_SWAPPED, "a file that can be read"))
             continue
-        found = [*of_file(test.name, test.readings), *test.own]
-        if _knows_depth(found):
-            found.append(_of_force(test))
-        causes = list(_causes(test.name, test.readings, settings, [*found, *of_cell]))
-        # a wrong sign is the cause of all that it turns round; and a force that is that of the named material has the
-        # right unit: then the cell can do more than its name says
-        sign = next((check for check in found if check.name == _SIGN and check.level is not None), None)
-        is_right = any(check.name == _RATIO and abs(check.log_ratio) < _RIGHT for check in found)
-        found = because(found, sign.cause, _PHASE, line=sign.line) if sign is not None else found
-        unsaid = "the name of the cell does not say its capacity" if is_right else ""
-        checks += judge(because(found, unsaid, _CAPACITY, level="note"), causes).checks
-    if _knows_depth(checks):
-        depths = [test.depth for test in tests if isfinite(test.depth)]
-        checks += _of_punch(settings, max(depths, default=nan))
-    checks += of_cell
-    for failed in judgements.failed_steps(context, reasons):
-        checks.append(placed(failed, *(test.name for test in tests), settings.load_cell.record))
-    if len(tests) > 1 and not any(check.level == "impossible" for check in checks):
-        checks.append(_at_all_depths(checks))
-    return checks
+        found = of_file(test.name, test.readings)
+        if not any(check.name in (_SWAPPED, _DIRECTION, _TRAVEL) and check.level for check in found):
+            found.append(_of_force(test))  # the depth of the punch is known
+            depths.append(test.depth)
+        checks += judge(found, list(_causes(test.name, test.readings, settings, [*found, *of_cell]))).checks
+    checks += _of_punch(settings, float(np.nanmax(depths)) if np.isfinite(depths).any() else nan)
+    files = (*(test.name for test in tests), settings.load_cell.record)
+    return [*checks, *of_cell, *(placed(failed, *files) for failed in judgements.failed_steps(context, reasons))]
 
 
 def of_file(name: str, readings: xr.Dataset) -> list[Check]:
@@ -163,13 +131,8 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     if order.level is not None:
         return [order]
     direction = _direction_of_motion(blocks)
-    found = [order, direction, *_commands_kept(blocks), _clock_of_blocks(blocks), *_responses(blocks, direction.cause)]
-    return [*found, _saturation(blocks), _capacity_of_cell(blocks), _left_out(blocks)]
-
-
-def _knows_depth(checks: Sequence[Check]) -> bool:
-    """Return whether the depth of a punch is known by the column of the position."""
-    return not any(check.name in (_SWAPPED, _DIRECTION, _TRAVEL) and check.level is not None for check in checks)
+    found = [order, direction, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks, direction.cause)]
+    return [*found, *_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks), _left_out(blocks)]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:
@@ -206,7 +169,7 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
             value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), 1e-7)
             if title == _SPEED:
                 value, u = part.speed, 0.02 * part.speed
-            if isfinite(value) and isfinite(wanted) and wanted != 0.0:
+            if isfinite(value) and isfinite(wanted):
                 ratio = in_words(value / wanted)
                 text = f"{part}: {title} is {quantity(value, unit)}, declared are {quantity(wanted, unit)}"
                 text += "" if ratio == "1" else f" ({ratio} times)"
@@ -219,8 +182,13 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
 
 
 def _clock_of_blocks(blocks: Sequence[Part]) -> Check:
-    gaps = [(part, float(np.ptp(part.time)), between(part, after)) for part, after in pairwise(blocks)]
-    known = [((lasts - gap) / hypot(0.1, 5e-3 * gap), part, lasts, gap) for part, lasts, gap in gaps if isfinite(gap)]
+    starts = [(part, str(part.header.get("start") or "")) for part in blocks]
+    known = []
+    for (part, began), (_, next_began) in pairwise(starts):
+        if began and next_began:
+            gap = (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
+            lasts = float(np.ptp(part.time))
+            known.append(((lasts - gap) / hypot(0.1, 5e-3 * gap), part, lasts, gap))
     if not known:
         return not_made(_CLOCK, "two blocks with start times")
     beyond, part, lasts, gap = max(known, key=lambda one: one[0])
@@ -243,57 +211,43 @@ def _direction_of_motion(blocks: Sequence[Part]) -> Check:
     return not_made(_DIRECTION, "a ramp or an approach with a declared direction")
 
 
-def _responses(blocks: Sequence[Part], backwards: str) -> Iterator[Check]:
-    """Evaluate how the force follows the motion: at all, with which sign, and how far to the side.
+def _response(blocks: Sequence[Part], backwards: str) -> Check:
+    """Compare force and motion: of a dead cell it does not follow, and of a wrong sign it falls in compression.
 
     ``backwards`` is the cause of a stage that moves against its declared direction.
     """
-    pressed = [part for part in blocks if part.function in (OSCILLATION, RELAXATION)]
-    known = [(part, k, u) for part in pressed for k, u, _ in [part.stiffness] if isfinite(k)]
-    following = [(part, k, u) for part, k, u in known if part.stiffness[2]]
-    if following:
-        part, k, u = following[0]
-        yield stated(_RESPONSE, f"{part.file}: the force follows the motion", None, file=part.file)
-        place = next((i for i, line in enumerate(part.header["info_lines"]) if line.startswith("Load Cell Type")), 0)
-        cause = backwards or (
-            f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
-            f"(line {part.line + 1 + place}), which says the sign of compression"
-        )
-        text = f"{part}: stiffness {quantity(k, 'N/m')}"
-        yield bounded(_SIGN, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
-    elif known:
-        part = known[0][0]
-        spread = max(float(np.nanmax(part.force) - np.nanmin(part.force)) for part, *_ in known)
-        does = f"scatters over {quantity(spread, 'N')} and does not follow, while" if spread else "is constant while"
-        cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
-        text = f"{part.file}: the force {does} the stage moves"
-        yield stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
-    else:
-        yield not_made(_RESPONSE, "a motion of the stage")
-    if not following:
-        yield not_made(_SIGN, "a motion in contact, and a force that follows it")
-    aside = [(*_lateral(part), part) for part, *_ in following if part.lateral]
-    if aside:
-        worst, u, part = max(aside, key=lambda one: one[0])
+    pressed = (part for part in blocks if part.function in (OSCILLATION, RELAXATION))
+    known = [(part, *part.stiffness) for part in pressed if isfinite(part.stiffness[0])]
+    if not known:
+        return not_made(_RESPONSE, "a motion of the stage")
+    part, k, u, follows = next((one for one in known if one[-1]), known[0])
+    if not follows:
         text = (
-            f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is expected "
+            f"{part.file}: the force varies by {quantity(float(np.nanmax(part.force) - np.nanmin(part.force)), 'N')} "
         )
+        cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
+        text += "and does not follow while the stage moves"
+        return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
+    place = next((i for i, line in enumerate(part.header["info_lines"]) if line.startswith("Load Cell Type")), 0)
+    cause = backwards or (
+        f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
+        f"(line {part.line + 1 + place}), which says the sign of compression"
+    )
+    text = f"{part}: stiffness {quantity(k, 'N/m')}"
+    return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
+
+
+def _alignment(blocks: Sequence[Part]) -> Iterator[Check]:
+    found = []
+    for part in (part for part in blocks if part.lateral and part.stiffness[-1]):
+        lines = [linregress(part.force, side, nan_policy="omit") for side in part.lateral]
+        found.append((hypot(*(line.slope for line in lines)), hypot(*(line.stderr for line in lines)), part))
+    if found:
+        worst, u, part = max(found, key=lambda one: one[0])
+        text = f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is "
         cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
-        place_of: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
-        yield bounded(ALIGNMENT, f"{text}of an aligned punch", worst, max(u, 1e-3), at_most=_LATERAL, **place_of)
-    elif any(part.lateral for part in blocks):
-        yield not_made(ALIGNMENT, "a force that follows the motion")
-
-
-def _lateral(part: Part) -> tuple[float, float]:
-    """Return the slope of the lateral over the normal force, and its standard uncertainty."""
-    slopes, variance = [], 0.0
-    for side in part.lateral:
-        known = np.isfinite(side) & np.isfinite(part.force)
-        (slope, _), covariance = np.polyfit(part.force[known], side[known], 1, cov=True)
-        slopes.append(slope)
-        variance += float(covariance[0, 0])
-    return hypot(*slopes), variance**0.5
+        place: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
+        yield bounded(ALIGNMENT, f"{text}expected of an aligned punch", worst, max(u, 1e-3), at_most=_LATERAL, **place)
 
 
 def _saturation(blocks: Sequence[Part]) -> Check:
@@ -334,45 +288,13 @@ def _left_out(blocks: Sequence[Part]) -> Check:
         return stated(_OUTLIERS, f"{blocks[0].file}: no outliers", None, file=blocks[0].file)
     part, largest = max(known, key=lambda one: float(one[1]["by"]))
     column, first = str(largest["column"]).removesuffix("_z"), int(largest["first"])
-    count = sum(run["last"] - run["first"] + 1 for run in part.outliers)
-    line, end = part.row_line(first), part.row_line(int(largest["last"]))
-    where = f"line {line}" if line == end else f"lines {line}-{end}"
-    text = (
-        f"{part}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the largest deviation "
-        f"{quantity(float(largest['by']), 'm' if column == 'position' else 'N')} of the {column} in {where}, at "
-        f"{quantity(float(part.time[first]), 's')}"
-    )
+    count, line = sum(run["last"] - run["first"] + 1 for run in part.outliers), part.row_line(first)
+    by, at = quantity(float(largest["by"]), "m" if column == "position" else "N"), quantity(part.time[first], "s")
+    text = f"{part}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the largest deviation "
+    text += f"{by} of the {column} in line {line}, at {at}"
     level: Level = "doubtful" if count > _MANY * part.force.size else "note"
     cause = f"a disturbance, or a value that was edited, in line {line}"
     return stated(_OUTLIERS, text, level, cause=cause, file=part.file, line=line)
-
-
-def _at_all_depths(checks: Sequence[Check]) -> Check:
-    """Compare the forces of the files, each over that of the model at its depth."""
-    ratios = [(c.file, c.log_ratio) for c in checks if c.name == _RATIO and isfinite(c.log_ratio)]
-    if len(ratios) < 2:
-        return not_made(_DEPTHS, "two files, and a model")
-    logs = np.array([ratio for _, ratio in ratios])
-    worst = int(np.argmax(np.abs(logs - np.median(logs))))
-    others = float(np.mean(np.delete(logs, worst)))
-    gap, file = float(logs[worst]) - others, ratios[worst][0]
-    text = (
-        f"{file}: {in_words(exp(logs[worst]))} times the simulated force, {in_words(exp(others))} times in the others"
-    )
-    level: Level | None = "impossible" if abs(gap) > log(3.0) else "doubtful" if abs(gap) > _OF_DEPTHS else None
-    cause = f"the forces of {file} are {too_large(exp(gap))}: its scale, the specimen, the punch or the position of "
-    cause += "first touch is another than in the other files"
-    if len(ratios) == 2:
-        cause = f"the scale, the specimen or the punch of {ratios[0][0]} and {ratios[1][0]} are not the same"
-    return Check(_DEPTHS, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause, file=file)
-
-
-def phase(name: str, lag: float, u: float, frequency: float, record: str | None) -> Check:
-    """Compare a phase lag [rad] with 0 to pi/2."""
-    text = f"{name}: the force {'lags' if lag < 0.0 else 'leads'} by {abs(lag) * 180 / pi:.2f}° at {frequency:.3g} Hz"
-    cause = "the columns are swapped, a sign is wrong, or the delay of the cell's filter is not what "
-    cause += f"{record or 'its header'} says{', or the stage has play (backlash)' if lag < 0.0 else ''}"
-    return bounded(_PHASE, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)
 
 
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
@@ -381,25 +303,23 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     yield judgements.day_known(loads, record)
     if not record:
         yield not_made(_SCALE, "a calibration record of the load cell")
-    else:
-        off = abs(log(abs(gain))) if gain else np.inf
-        level: Level | None = "doubtful" if off > log(_OWN_FACTOR) else None
-        text = f"{record}: true force is {gain:.4g} times the displayed one"
-        cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
-        level = "impossible" if off > log(_WRONG_FACTOR) else level
-        yield stated(_SCALE, text, level, cause=cause, file=record, setting="values.scale")
-    declared = mach1_readings.declared_filter(loads)
-    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+        return
+    level: Level | None = None if 1 / _WRONG_FACTOR < abs(gain) < _WRONG_FACTOR else "impossible"
+    text = f"{record}: true force is {gain:.4g} times the displayed one"
+    cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
+    yield stated(_SCALE, text, level, cause=cause, file=record, setting="values.scale")
+    as_declared, measured = loads.assign_attrs(filter_delay="null"), json.loads(loads.attrs["filter_delay"])
+    declared = mach1_readings.declared_filter(as_declared)
     if declared is None or measured is None:
         yield not_made(_DELAY, "a measured delay, and a declared filter")
         return
     value, u = measured
-    expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null")).value
+    expected = mach1_readings.filter_delay(as_declared).value
     seen, usual = quantity(value, "s"), quantity(expected, "s")
     text = f"{record}: the delay is {seen}, a filter of order {int(declared['order'])} and {declared['cutoff']:.3g} Hz "
     cause = f"the delay of the filter in {record} is probably {usual}, not {seen}"
     place: dict[str, Any] = {"file": record, "setting": "values.filter_delay", "cause": cause}
-    place["allowance"] = (_LATER if value > expected else _SOONER) * expected
+    place["allowance"] = _DELAYS * expected
     yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
 
 
@@ -417,33 +337,26 @@ def _of_force(test: Tested) -> Check:
 
 
 def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:
-    """Check the geometry that the session states against itself and the largest depth [m]."""
+    """Check the geometry that the session states against itself and the largest known depth [m]."""
     punch = settings.punch
     if punch is None:
-        yield not_made(_SIZE, "a punch")
+        yield not_made(_PUNCH, "a punch")
         return
     radius, period, depth = (each.value for each in (punch.radius, punch.period, punch.depth))
-    rows = [
-        (_SIZE, "punch.depth", f"length of a tip: {quantity(depth, 'm')}", depth, _LARGE_PUNCH, _LARGEST_PUNCH),
-        (_SIZE, "punch.radius", f"radius of a tip: {quantity(radius, 'm')}", radius, _LARGE_PUNCH, _LARGEST_PUNCH),
-    ]
-    width = punch.tips * period
-    text = f"{punch.tips} tips together: {quantity(width, 'm')}"
-    rows.append((_SIZE, "punch.tips", text, width, _LARGE_PUNCH, _LARGEST_PUNCH))
+    for setting, name, value in (
+        ("punch.depth", "length of a tip", depth),
+        ("punch.radius", "radius of a tip", radius),
+        ("punch.tips", f"{punch.tips} tips together", punch.tips * period),
+    ):
+        level: Level | None = "impossible" if value > _LARGEST_PUNCH else None
+        cause = f"{setting} in session.toml is wrong: its unit, or its number"
+        yield stated(_PUNCH, f"{name}: {quantity(value, 'm')}", level, cause=cause, setting=setting)
     if deepest > 0.0 and settings.model.profile != "cosine":
-        share = float(deepest / westergaard.full_contact(radius, period, "parabola"))
         text = f"at a depth of {quantity(deepest, 'm')} a tip of {quantity(radius, 'm')} meets the surface over "
         text += f"{quantity(2 * (2 * radius * deepest) ** 0.5, 'm')}; the period is {quantity(period, 'm')}"
-        rows.append((_PERIOD, "punch.period", text, share, 0.5, 1.0))
-    else:
-        yield not_made(_PERIOD, "a depth, and tips that are no waves")
-    for name, setting, text, value, large, most in rows:
-        level: Level | None = "impossible" if value > most else "doubtful" if value > large else None
-        cause = f"{setting} in session.toml is wrong: its unit, or its number"
-        cause += "; or punch.period is" if setting == "punch.tips" else ""
-        if name == _PERIOD:
-            cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
-        yield stated(name, text, level, cause=cause, setting=setting)
+        level = "impossible" if deepest > float(westergaard.full_contact(radius, period, "parabola")) else None
+        cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
+        yield stated(_PUNCH, text, level, cause=cause, setting="punch.period")
 
 
 def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequence[Check]) -> Iterator[Cause]:
@@ -468,22 +381,18 @@ def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequ
         return lambda k: f"the declared {key} is {too_large(k)} (line {check.line} of {name})"
 
     for check in (check for check in checks if check.name in _COMMANDS and check.level and check.line):
-        decimals = (10.0, 0.1, 2.0, 0.5, 1e3, 1e-3, 100.0, 0.01)
-        yield Cause({check.name: -1.0}, of_command(check), decimals, file=name, line=check.line)
+        yield Cause({check.name: -1.0}, of_command(check), _FACTORS, file=name, line=check.line)
+    place: dict[str, Any] = {"file": name, "line": line}
     of_time = {_FREQUENCY: -1.0, _SPEED: -1.0, _CLOCK: 1.0}
-    yield Cause(of_time, of_column("time", "s", _TIMES), _FACTORS, file=name, line=line)
-    of_length, said = (
-        {_AMPLITUDE: 1.0, _TRAVEL: 1.0, _SPEED: 1.0, _RATIO: -1.1},
-        of_column("position", units[0], _LENGTHS),
-    )
-    yield Cause(of_length, said, _FACTORS, file=name, line=line)
+    yield Cause(of_time, of_column("time", "s", _TIMES), _FACTORS, **place)
+    of_length = {_AMPLITUDE: 1.0, _TRAVEL: 1.0, _SPEED: 1.0, _RATIO: -1.1}
+    yield Cause(of_length, of_column("position", units[0], _LENGTHS), _FACTORS, **place)
     others = tuple(_FORCES[units[1]] / size for unit, size in _FORCES.items() if unit != units[1])
-    yield Cause({_RATIO: 1.0}, of_column("force", units[1], _FORCES), others, only_usual=True, file=name, line=line)
+    yield Cause({_RATIO: 1.0}, of_column("force", units[1], _FORCES), others, only_usual=True, **place)
     # a record that hardly changes what the tester shows is not where a factor of ten comes from
-    if record and not any(check.name == _SCALE and check.is_made and check.level is None for check in checks):
-        of_scale = f"the scale of the load cell in {record} is "
-        place: dict[str, Any] = {"file": record, "setting": "values.scale"}
-        yield Cause({_RATIO: 1.0}, lambda k: of_scale + too_large(k), (10.0, 100.0), only_usual=True, **place)
+    if record and any(check.name == _SCALE and check.level for check in checks):
+        say, place = f"the scale of the load cell in {record} is ", {"file": record, "setting": "values.scale"}
+        yield Cause({_RATIO: 1.0}, lambda k: say + too_large(k), (10.0, 100.0), only_usual=True, **place)
     other = "no slip of a unit explains it: another material, {} times as stiff, was pressed or is named"
     yield Cause({_RATIO: 1.0}, lambda k: other.format(in_words(k)), setting="substrate.material")
     if punch is not None:

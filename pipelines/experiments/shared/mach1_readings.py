@@ -24,10 +24,8 @@ from pipelines.experiments.shared.settings import named_columns
 
 _STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier"}
 _APPROACH = "Find Contact"
-_KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
-_CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
-_FINENESS = mach1_touch.FINENESS  # steps per sample, so that a digital filter behaves as the analogue one
+FINENESS = mach1_touch.FINENESS  # steps per sample, so that a digital filter behaves as the analogue one
 _SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
@@ -156,34 +154,39 @@ def relative_gain(loads: xr.Dataset) -> float:
 
 
 def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
-    """Return order and cutoff of the load cell's low-pass, when the header says so."""
-    return load_cell.declared_filter(loads.attrs)
+    """Return order and cutoff [Hz] of the load cell's low-pass, a Butterworth, when the header says so.
+
+    Where the cell's record gives a delay the cutoff is the one that a Butterworth of this delay has.
+    """
+    declared, measured = load_cell.declared_filter(loads.attrs), _measured_delay(loads)
+    if declared is None or measured is None:
+        return declared
+    return declared | {"cutoff": float(declared["cutoff"]) * _slow_lag(declared).delay / measured[0]}
 
 
-def _measured_delay(loads: xr.Dataset) -> tuple[float, float] | None:
-    """Return the delay of the filter that the cell's record gives [s]."""
-    said = json.loads(loads.attrs.get("filter_delay", "null"))
-    return None if said is None else (said[0], said[1])
+def _measured_delay(loads: xr.Dataset) -> list[float] | None:
+    """Return the delay of the filter that the cell's record gives, and its uncertainty [s]."""
+    found: list[float] | None = json.loads(loads.attrs.get("filter_delay", "null"))
+    return found
+
+
+def _slow_lag(declared: dict[str, float]) -> load_cell.FilterLag:
+    return load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"])
 
 
 def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None:
     """Return gain and lag of the load cell's filter at a frequency; None without a filter.
 
-    A delay that the cell's record gives stretches the lag of the assumed filter, so that how it
-    changes with frequency is kept; its uncertainty then replaces that of the filter's type.
+    The uncertainty of a delay that the cell's record gives replaces that of the filter's type.
     """
     declared, measured = declared_filter(loads), _measured_delay(loads)
     if declared is None:
         return None
-    order, cutoff = int(declared["order"]), float(declared["cutoff"])
-    lag = load_cell.filter_lag(frequency, order, cutoff)
+    lag = load_cell.filter_lag(frequency, int(declared["order"]), float(declared["cutoff"]))
     if measured is None:
         return lag
-    longer, u = (each / load_cell.filter_lag(_SLOW * cutoff, order, cutoff).delay for each in measured)
-    # where the delay leaves one kind of filter, its gain is known
-    u_gain = 0.0 if filter_kinds(loads) == _KINDS[:1] else lag.u_gain
-    lags = {"phase": lag.phase * longer, "u_phase": lag.phase * u, "delay": lag.delay * longer}
-    return lag._replace(u_gain=u_gain, **lags, note="delay measured, see the record of the load cell")
+    note = "delay measured, see the record of the load cell"
+    return lag._replace(u_gain=0.0, u_phase=lag.phase * measured[1] / measured[0], note=note)
 
 
 def filter_delay(loads: xr.Dataset) -> Quantity:
@@ -194,49 +197,24 @@ def filter_delay(loads: xr.Dataset) -> Quantity:
     return Quantity(0.0, 0.0, "s") if lag is None else Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
 
 
-def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
-    """Return which kinds of filter the load cell may have: those of the delay in its record.
-
-    Without a delay in the record, or with one that fits no kind, all of them, the likeliest first.
-    """
-    from scipy.signal import besselap, buttap
-
-    declared, measured = declared_filter(loads), _measured_delay(loads)
-    if declared is None or measured is None:
-        return _KINDS
-    order, turn, (value, u) = int(declared["order"]), 2 * np.pi * declared["cutoff"], measured
-    poles = zip(_KINDS, (buttap(order)[1], besselap(order, norm="mag")[1]), strict=True)
-    delays = {kind: float(np.real(np.sum(-1 / each))) / turn for kind, each in poles}
-    return tuple(kind for kind, delay in delays.items() if abs(delay - value) <= _CONSISTENT * u) or _KINDS
-
-
-def filtered(
-    force_values: Floats, interval: float, declared: dict[str, float] | None, kind: str = "butterworth"
-) -> Floats:
-    """Pass a force (n,) [N] at the instrument's rate through the load cell's filter, assumed causal.
-
-    ``declared`` has ``order`` and ``cutoff`` as the header says; None leaves the force as it is. The kind of filter,
-    "butterworth" or "bessel", the header does not say.
-    """
+def filtered(force_values: Floats, interval: float, declared: dict[str, float]) -> Floats:
+    """Pass a force (n,) [N] at the instrument's rate through the load cell's filter, of an order and a cutoff."""
     from scipy.interpolate import Akima1DInterpolator
     from scipy.signal import sosfilt, sosfilt_zi
 
-    if declared is None:
-        return force_values
     coarse = np.arange(force_values.size)
-    fine = np.arange(force_values.size * _FINENESS) / _FINENESS
+    fine = np.arange(force_values.size * FINENESS) / FINENESS
     # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
     force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
-    rate = _FINENESS / interval
-    sections = _sections(declared, kind, rate)
+    sections = filter_sections(declared, interval)
     passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
-    return passed[::_FINENESS]
+    return passed[::FINENESS]
 
 
-def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
+def passed(loads: xr.Dataset, force_values: Floats) -> Floats:
     """Pass the force (sample,) [N] of every block through the cell's filter, while the stage moves and after.
 
-    ``kind`` is by default the likeliest. In a long hold the force is so slow that a filter leaves it as it is.
+    In a long hold the force is so slow that a filter leaves it as it is.
     """
     declared, made = declared_filter(loads), force_values.copy()
     interval = float(np.nanmedian(loads["sampling_interval"].values))
@@ -246,22 +224,21 @@ def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
         inside = moving[(moving >= where.start) & (moving < where.stop)]
         last = int(inside[-1]) if inside.size else where.start
         part = slice(where.start, min(where.stop, last + round(_SETTLED / interval)))
-        made[part] = filtered(force_values[part], interval, declared, kind or filter_kinds(loads)[0])
+        made[part] = filtered(force_values[part], interval, declared)
     return made
 
 
-def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
-    """Return the load cell's filter (section, 6) at a rate [Hz]."""
-    from scipy.signal import iirfilter
+def filter_sections(declared: dict[str, float], interval: float) -> Floats:
+    """Return the load cell's filter (section, 6) at :data:`FINENESS` steps a sampling interval [s]."""
+    from scipy.signal import butter
 
     order, cutoff = int(declared["order"]), declared["cutoff"]
-    if cutoff >= 0.5 * rate:
+    if cutoff >= 0.5 * FINENESS / interval:
         raise InputError(
-            f"readings every {_FINENESS / rate:.3g} s cannot have passed the load cell's low-pass of {cutoff:g} "
+            f"readings every {interval:.3g} s cannot have passed the load cell's low-pass of {cutoff:g} "
             "Hz as the header declares it; the column of the time, or the cutoff in the header, is wrong"
         )
-    kinds = {"butterworth": "butter", "bessel": "bessel_mag"}
-    return np.asarray(iirfilter(order, cutoff, btype="lowpass", ftype=kinds[kind], fs=rate, output="sos"))
+    return np.asarray(butter(order, cutoff, fs=FINENESS / interval, output="sos"))
 
 
 def clock(loads: xr.Dataset) -> Floats:
@@ -293,12 +270,9 @@ def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantit
             'give it in session.toml: contact = "12.345 ± 0.001 mm"'
         )
     part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
-    declared, filters, delay = declared_filter(loads), [np.empty((0, 6))], 0.0
-    if declared is not None:
-        rate, cutoff = _FINENESS / float(np.median(np.diff(part["time"].values))), declared["cutoff"]
-        filters = [_sections(declared, kind, rate) for kind in filter_kinds(part)]
-        delay = load_cell.filter_lag(_SLOW * cutoff, int(declared["order"]), cutoff).delay
-    found = mach1_touch.touched(part, delay, filters)
+    declared, interval = declared_filter(loads), float(np.median(np.diff(part["time"].values)))
+    sections = None if declared is None else filter_sections(declared, interval)
+    found = mach1_touch.touched(part, filter_delay(part), sections)
     return found, "fitted to the force of the Find Contact block, with the cell's filter"
 
 

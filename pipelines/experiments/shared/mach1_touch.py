@@ -10,10 +10,9 @@ the load cell's filter. Neither z0 nor a are well known from them and their like
 normal; so it is summed over both.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import xarray as xr
+from scipy.signal import fftconvolve, sosfilt
 
 from labpipe.arrays import Floats
 from labpipe.signals import first_touch, independent_count
@@ -33,92 +32,57 @@ _FEWEST = 20  # free readings that tell how noise is correlated
 _LEAST_NOISE = 1e-9  # of the force's range
 
 
-def touched(part: xr.Dataset, delay: float, filters: list[Floats]) -> Quantity:
+def touched(part: xr.Dataset, delay: Quantity, sections: Floats | None) -> Quantity:
     """Return the position of first touch [m].
 
-    ``part`` holds ``time``, ``position_z`` and ``force`` of an approach, ``delay`` [s] of the load cell's filter is a
-    first guess. ``filters`` (section, 6) are the filters that it may be, at :data:`FINENESS` steps a reading, all as
-    likely; one without sections leaves the force as it is. The uncertainty is the standard deviation of where the touch
-    may lie, the display's step included.
+    ``part`` holds ``time``, ``position_z`` and ``force`` of an approach, ``delay`` [s] is that of the load cell's
+    filter, ``sections`` (section, 6) the filter itself at :data:`FINENESS` steps a reading, None without one. The
+    uncertainty is the standard deviation of where the touch may be, with the display's step and the delay.
     """
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
-    farthest = _farthest(position)
-    back = np.flatnonzero(position[farthest:] < position[farthest] - 2.0 * _STEP)
-    gone = farthest + int(back[0]) if back.size else position.size  # until the stage goes back
-    time, position, force = time[:gone], position[:gone], force[:gone]
+    arrived = int(np.argmax(position >= position.max() - _STEP / 2))
     # the force comes late by the filter's delay, so it belongs to an earlier position
-    rough = first_touch(np.interp(time - delay, time, position), force)
-    # readings depend on the touch until the stage has rested for a while
-    farthest = _farthest(position)
-    touch = int(np.argmax(position > min(rough, position[farthest] - _STEP)))
-    used = farthest + 1 + round(_RESTED * (farthest - touch) + delay / float(np.median(np.diff(time))))
-    likelihood = _likelihood(position[:used], force[:used], rough, filters, float(part.attrs.get("resolution", 0.0)))
-    unit = max(float(position[:used].max()) - rough, _STEP)
+    rough = first_touch(np.interp(time - delay.value, time, position)[: arrived + 1], force[: arrived + 1])
+    # readings depend on the touch until the stage has rested for a while, or goes back
+    touch = int(np.argmax(position > min(rough, position[arrived] - _STEP)))
+    used = arrived + 1 + round(_RESTED * (arrived - touch) + delay.value / float(np.median(np.diff(time))))
+    back = np.flatnonzero(position[arrived:] < position[arrived] - 2.0 * _STEP)
+    used = min(used, arrived + int(back[0]) if back.size else position.size)
+    position, force = position[:used], force[:used]
+    unit = max(float(position.max()) - rough, _STEP)
     low, high = max(rough - _BEFORE * unit, float(position[0])), rough + _BEHIND * unit
     for _ in range(_ROUNDS):
         places = np.linspace(low, high, _PLACES)
-        likely = likelihood(places)
+        likely = _likelihood(places, position, force, rough, sections, float(part.attrs.get("resolution", 0.0)))
         kept = np.flatnonzero(likely.max(axis=0) > likely.max() - _LIKELY)
         if kept.size > _ENOUGH:
             break
         low, high = places[max(kept[0] - 1, 0)], places[min(kept[-1] + 1, _PLACES - 1)]
     weight = np.exp(likely - likely.max()).sum(axis=0)
-    weight /= weight.sum()
-    mean = float(weight @ places)
-    spread = float(np.sqrt(weight @ (places - mean) ** 2))
-    return Quantity(mean, float(np.hypot(spread, _STEP / np.sqrt(12.0))), "m")
-
-
-def _farthest(position: Floats) -> int:
-    """Return where the stage has arrived."""
-    return int(np.argmax(position >= position.max() - _STEP / 2))
+    mean = float(np.average(places, weights=weight))
+    variance = float(np.average((places - mean) ** 2, weights=weight)) + _STEP**2 / 12.0
+    by_delay = delay.u * float(position[arrived] - position[touch]) / max(float(time[arrived] - time[touch]), 1e-9)
+    return Quantity(mean, float(np.hypot(np.sqrt(variance), by_delay)), "m")
 
 
 def _likelihood(
-    position: Floats, force: Floats, rough: float, filters: list[Floats], step: float
-) -> Callable[[Floats], Floats]:
-    """Return the logarithm of the likelihood (power and filter, place) of places, for the best level and stiffness."""
-    from scipy.signal import sosfilt
-
+    places: Floats, position: Floats, force: Floats, rough: float, sections: Floats | None, step: float
+) -> Floats:
+    """Return the logarithm of the likelihood (power, place) of places, for the best level and stiffness."""
     unit = max(float(position.max()) - rough, _STEP)
     fine = np.interp(np.arange((position.size - 1) * FINENESS + 1) / FINENESS, np.arange(position.size), position)
     free, centred = force[position < rough - unit], force - force.mean()
     memory = free.size / independent_count(free) if free.size > _FEWEST else 1.0
-    weight = 0.5 * max(force.size - 3, 1) / memory
     least = force.size * max(step / np.sqrt(12.0), _LEAST_NOISE * float(np.ptp(force))) ** 2
-
-    def of_shape(made: Floats, start: int) -> Floats:
-        rows = np.arange(-(-start // FINENESS), force.size)
-        shape = np.zeros((len(made), force.size))
-        shape[:, rows] = made[:, rows * FINENESS - start]
-        shape -= shape.mean(axis=1, keepdims=True)
+    depth, found = np.maximum(fine - places[:, None], 0.0) / unit, []
+    for power in _POWERS.tolist():
+        growth = max(power, _GROWTH)
+        # the force of a growing contact, in any unit
+        memory_of_time = np.diff(np.arange(fine.size + 1, dtype=float) ** (1.0 - growth + power))
+        shape = fftconvolve(np.diff(depth**growth, axis=1, prepend=0.0), memory_of_time[None], axes=1)[:, : fine.size]
+        shape = (shape if sections is None else sosfilt(sections, shape, axis=1))[:, ::FINENESS]
+        shape = shape - shape.mean(axis=1, keepdims=True)
         size = np.maximum(np.sum(shape**2, axis=1), np.finfo(float).tiny)
         rest = centred @ centred - np.maximum(shape @ centred, 0.0) ** 2 / size
-        return np.asarray(-weight * np.log(np.maximum(rest, least)))
-
-    def likelihood(places: Floats) -> Floats:
-        start = max(int(np.searchsorted(np.maximum.accumulate(fine), places[0])) - 1, 0)
-        depth = np.maximum(fine[start:] - places[:, None], 0.0) / unit
-        shapes = (_relaxed(depth, float(power)) for power in _POWERS)
-        return np.array(
-            [
-                of_shape(sosfilt(sections, shape, axis=1) if len(sections) else shape, start)
-                for shape in shapes
-                for sections in filters
-            ]
-        )
-
-    return likelihood
-
-
-def _relaxed(depth: Floats, power: float) -> Floats:
-    """Return the force (place, step) of a growing contact, in any unit."""
-    growth = max(power, _GROWTH)
-    order = growth - power
-    steps = np.arange(depth.shape[1] + 1, dtype=float) ** (1.0 - order)
-    gained = np.diff(depth**growth, axis=1, prepend=0.0)
-    if order == 0.0:
-        return np.asarray(np.cumsum(gained, axis=1))
-    from scipy.signal import fftconvolve
-
-    return np.asarray(fftconvolve(gained, np.diff(steps)[None], axes=1)[:, : depth.shape[1]])
+        found.append(-0.5 * max(force.size - 3, 1) / memory * np.log(np.maximum(rest, least)))
+    return np.array(found)

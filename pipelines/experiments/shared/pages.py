@@ -185,18 +185,12 @@ def kept_notice(context: Context) -> tuple[Block, ...]:
     """Say that results behind the page were made by earlier code and taken as they are; which, is folded."""
     if not context.kept:
         return ()
-    alike: dict[tuple[str, str], list[str]] = {}
-    for kept in context.kept:
-        alike.setdefault((kept.stage, kept.reason), []).append(kept.recording or "")
-    lines = [
-        f"{stage}{f' ({len(names)} recordings)' if len(names) > 1 else ''}: {reason}"
-        for (stage, reason), names in alike.items()
-    ]
     text = (
         "Results of earlier code were kept as they are; what follows from them may differ from "
         "what this version of labpipe gives. `labpipe process` makes them again."
     )
-    return Notice("warning", text), Details("Results of earlier code", text="\n".join(lines))
+    alike = dict.fromkeys(f"{kept.stage}: {kept.reason}" for kept in context.kept)
+    return Notice("warning", text), Details("Results of earlier code", text="\n".join(alike))
 
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:
@@ -210,19 +204,15 @@ def failed_notice(context: Context) -> tuple[Notice, ...]:
 
 def problems(context: Context) -> Section:
     """Warnings and errors of every step; also when there are none."""
-    blocks: list[Block] = list(failed_notice(context))
     alike: dict[tuple[str, str], list[Warned]] = {}
     for warned in context.warnings:
         alike.setdefault((warned.stage, warned.text), []).append(warned)
+    blocks: list[Block] = list(failed_notice(context))
     for (stage, text), group in alike.items():
-        names, total = [w.recording for w in group if w.recording], sum(w.count for w in group)
-        where = f" [{names[0]}]" if len(names) == 1 else ""
+        names, total = ", ".join(w.recording for w in group if w.recording), sum(w.count for w in group)
         times = f" ({total} times)" if total > len(group) else ""
-        shared = f"\n{len(names)} recordings: {', '.join(names)}" if len(names) > 1 else ""
-        blocks.append(Notice("warning", f"{stage}{where}: {text}{times}{shared}"))
-    if not blocks:
-        blocks.append(Notice("ok", "No warnings and no errors."))
-    return Section("Warnings and errors", tuple(blocks))
+        blocks.append(Notice("warning", f"{stage}{f' [{names}]' if names else ''}: {text}{times}"))
+    return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
 
 
 def calibration_rows(text: str) -> KeyValues:

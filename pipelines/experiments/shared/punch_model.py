@@ -18,6 +18,7 @@ from labpipe import contact
 from labpipe.arrays import Floats, Integers
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
+from labpipe.identification import lee_radok_basis
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
@@ -148,75 +149,57 @@ def modelled(
     fitted: xr.Dataset | None,
     times: tuple[float, float],
 ) -> tuple[Prony, dict[str, Effect], xr.Dataset]:
-    """Simulate a file with the punch and the material of the settings, which name both.
+    """Return the solid that the settings name, and a file simulated with it and the punch, as :func:`simulated` does.
 
-    Returns the solid, the effects of all inputs as :func:`simulated` does, and a Dataset with ``force`` and its ``u_``
-    (sample,) [N] before the cell's filter; ``times`` are as for :func:`.variations`.
+    ``times`` are as for :func:`.variations`.
     """
     punch, substrate = settings.punch, settings.substrate
     if punch is None or substrate is None:
         raise InputError(NOTHING_NAMED)
     solid = resolve(substrate, file, fitted)
     geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
-    others = variations(substrate, file, fitted, times)
-    force, effects, attrs = simulated(loads, touch, solid, geometry, others)
-    u = np.sqrt(np.sum(np.square([e.by_u() for e in effects.values()]), axis=0))
-    text = "simulated force, before the cell's filter"
-    made = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
-    return solid, effects, xr.Dataset(made, attrs=attrs)
+    return solid, *simulated(loads, touch, solid, geometry, variations(substrate, file, fitted, times))
 
 
 def simulated(
     loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry, others: Mapping[str, Variation]
-) -> tuple[Floats, dict[str, Effect], dict[str, Any]]:
+) -> tuple[dict[str, Effect], xr.Dataset]:
     """Simulate a whole file with its measured displacement, from the stage position of first touch on.
 
-    Returns
-    -------
-    force : array (sample,) [N]
-    effects : dict of str to Effect
-        Of first touch, of the punch as session.toml states it, and of other uncertain inputs of the solid;
-        that of the number of tips has no uncertainty, but can be stated wrongly.
-    attrs : dict
-        ``solver``, ``datum`` and the JSON counts ``work``.
+    Returns the effects of first touch, of the punch and of ``others``, uncertain inputs of the solid; that of the
+    number of tips has no uncertainty, but can be stated wrongly. And ``force`` (sample,) [N] before the cell's filter
+    with its ``u_``; attributes say how it was made.
     """
-    from labpipe.identification import lee_radok_basis
-
     time = mach1_readings.clock(loads)
     if np.any(np.diff(time) < 0):
         raise InputError("the blocks of the file overlap in time; their start times cannot be right")
     depth = loads["position_z"].values - touch.value
     kept = mach1_readings.history(time, depth)
-
     made = geometry.pressed(solid, time[kept], depth[kept])
     force = np.interp(time, time[kept], made["force"].values)
-    attrs = {key: str(made.attrs[key]) for key in ("solver", "datum")}
-    work = json.loads(made.attrs["work"])
-    work.pop("seconds", None)  # the clock has no place in a stored result
-    work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
-    area = elastic_force(depth[kept], geometry)
 
     def superposed(area: Floats, solid: Prony) -> Floats:
         basis = lee_radok_basis(time[kept], area, np.asarray(solid.rho), geometry.nu, may_recede=True)
-        return np.asarray(basis @ [solid.E_relaxed, *solid.E])
-
-    best = superposed(area, solid)
-
-    def change(area: Floats, solid: Prony) -> Floats:
-        return np.interp(time, time[kept], superposed(area, solid) - best)
+        return np.interp(time, time[kept], np.asarray(basis @ [solid.E_relaxed, *solid.E]))
 
     # By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
     # doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while
     # it recedes a little.
-    shift = max(touch.u, _LEAST_SHIFT)
-    effects = {TOUCH: Effect(touch, shift, change(elastic_force(depth[kept] - shift, geometry), solid))}
+    area, shift = elastic_force(depth[kept], geometry), max(touch.u, _LEAST_SHIFT)
+    best, deeper = superposed(area, solid), superposed(elastic_force(depth[kept] - shift, geometry), solid)
+    effects = {TOUCH: Effect(touch, shift, deeper - best)}
     deepest = float(depth.max())
     for source in relative_sources(deepest, 0.0, geometry)[:-1] if deepest > 0 else ():
-        step = max(source.u, _RELATIVE_CHANGE * abs(source.value))
-        effects[source.source] = Effect(
-            Quantity(source.value, source.u, source.unit), step, source.sensitivity * step * force
-        )
+        given = Quantity(source.value, source.u, source.unit)
+        step = max(given.u, _RELATIVE_CHANGE * abs(given.value))
+        effects[source.source] = Effect(given, step, source.sensitivity * step * force)
     tips = float(geometry.punch.tips)
     effects[_TIPS] = Effect(Quantity(tips, 0.0, "1"), _RELATIVE_CHANGE * tips, _RELATIVE_CHANGE * force)
-    effects |= {name: Effect(other.given, other.change, change(area, other.solid)) for name, other in others.items()}
-    return force, effects, attrs | {"work": json.dumps(work)}
+    effects |= {name: Effect(o.given, o.change, superposed(area, o.solid) - best) for name, o in others.items()}
+    u = np.sqrt(np.sum(np.square([e.by_u() for e in effects.values()]), axis=0))
+    text = "simulated force, before the cell's filter"
+    work = json.loads(made.attrs["work"]) | {"history_samples": int(kept.size), "history_samples_total": time.size}
+    work.pop("seconds", None)  # the clock has no place in a stored result
+    attrs = {key: str(made.attrs[key]) for key in ("solver", "datum")} | {"work": json.dumps(work)}
+    found = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
+    return effects, xr.Dataset(found, attrs=attrs)

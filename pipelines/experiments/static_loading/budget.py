@@ -8,7 +8,6 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.shared.budget_quantity import Quantity, of_laser, of_simulation
-from pipelines.experiments.static_loading.load_steps import touch_apart
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 
@@ -24,11 +23,10 @@ def quantities(
     depth = float(approach["level_approach"][-1])
     along, inputs = of_laser(displacement, depth)
     tilt, by_loads = inputs["inclination"], float(steps["touch_part_of_loads"])
-    of_touch, by_drift = touch_apart(steps)
     scale = depth * float(np.hypot(inputs["gain"].u, tan(tilt.value) * tilt.u))
     errors = {
-        "drift": abs(settings.steps.drift.value - by_drift),
-        "first_touch": excess_uncertainty(of_touch, by_loads),
+        "drift": settings.steps.drift.value,
+        "first_touch": excess_uncertainty(float(steps["u_touch"]), by_loads),
         "mass_of_the_loads": by_loads,
     }
     errors["noise"] = excess_uncertainty(float(approach["u_level_approach"][-1]), scale, *errors.values())

@@ -22,11 +22,11 @@ from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
 from pipelines.experiments.static_loading.load_steps import (
     SIDE,
-    TouchFit,
+    best_touch,
     clear_steps,
     creep_design,
+    creep_fit,
     settled,
-    touch_apart,
     valid,
 )
 from pipelines.experiments.static_loading.model import of_material
@@ -68,31 +68,19 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
     checks += judgements.uncertainties_stated([("sphere.radius", settings.sphere.radius), *masses])
     checks += record_checks.of_record({settings.laser: displacement}, settings.calibration)
-    if displacement is None or given.get("steps") is None:
-        checks.append(not_made("steps of the record", "steps that were found"))
-    else:
-        checks += given.each((_unstated, _misfit))
-    checks += given.each((_of_material,))
-    inputs, known_by = given.ask(_inputs), judgements.measured_by(settings.sphere)
-    return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
-
-
-def _inputs(
-    settings: StaticLoading,
-    displacement: xr.Dataset | None = None,
-    steps: xr.Dataset | None = None,
-    model: xr.Dataset | None = None,
-) -> dict[str, Quantity]:
-    """Return the inputs that all rows share, with their uncertainty."""
+    checks += given.each((_unstated, _misfit, _of_material))
     relative = 0.0 if displacement is None else float(displacement.attrs["u_systematic_relative"])
-    return {
+    steps = given.get("steps")
+    inputs = {
         "radius": settings.sphere.radius,
         SCALE: Quantity(1.0, relative, "1"),
-        TOUCH: Quantity(0.0, 0.0 if steps is None else touch_apart(steps)[0], "m"),
+        TOUCH: Quantity(0.0, 0.0 if steps is None else float(steps["u_touch"]), "m"),
         DRIFT: Quantity(0.0, settings.steps.drift.value, "m"),
         MODULUS: Quantity(1.0, 0.0, "1"),
         LOADS: Quantity(1.0, 0.0, "1"),
-    } | {name: given for name, (given, _) in of_material(model).items()}
+    } | {name: one for name, (one, _) in of_material(given.get("model")).items()}
+    known_by = judgements.measured_by(settings.sphere)
+    return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
 
 
 def _explained(
@@ -100,35 +88,28 @@ def _explained(
 ) -> Check:
     """Give a step that failed its place; where the steps of the record are not those of the loads, say why."""
     failed = record_checks.placed(failed, settings.calibration, settings.laser)
-    if not failed.is_made or failed.line is not None or failed.name != "step steps" or displacement is None:
+    if failed.name != "step steps" or not failed.is_made or displacement is None or readings is None:
         return failed
-    (at, sizes), (_, up) = clear_steps(displacement), clear_steps(displacement, -1)
+    at, _ = clear_steps(displacement)
     stated_at = np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
     ratios = at / stated_at if at.size == stated_at.size else np.full(1, nan)
     ratios = ratios[np.isfinite(ratios)]
     factor = float(np.median(ratios)) if ratios.size and np.ptp(np.log(ratios)) <= _SAME else nan
-    times, setting = ", ".join(f"{t:.0f}" for t in at), "loads"
-    if up.size >= stated_at.size and (up.size > sizes.size or up.sum() > sizes.sum()):
-        cause = "the body rises where loads are added: sensor.direction in session.toml has the wrong sign, or the "
-        cause, setting = f"{cause}record was reversed in time", "sensor.direction"
-    elif at.size != stated_at.size:
+    if not np.isfinite(factor):
+        times = ", ".join(f"{t:.0f}" for t in at)
         cause = f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states "
-        cause += f"{stated_at.size} loads after the first: one is left out or too many"
-    elif not np.isfinite(factor):
-        cause = f"the record steps at {times} s, not when session.toml says"
-    elif min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
-        cause = f"the times of the loads are {in_words(factor)} times too short: "
-        cause += "seconds and minutes were probably exchanged"
-    else:
-        attrs = {} if readings is None else readings.attrs
-        interval = float(attrs.get("sampling_interval", nan))
-        cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
-        cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
-        if settings.keyence.cycle is None:
-            line = line_of(str(attrs.get("header", "")), "cycle", "period", "周期")
-            return replace(failed, cause=cause, file=settings.laser, line=line)
-        failed, setting = replace(failed, file=""), "keyence.cycle"
-    return replace(failed, cause=cause, setting=setting)
+        cause += f"{stated_at.size} loads after the first: one is left out or too many, a time is wrong, or "
+        return replace(failed, cause=f"{cause}sensor.direction has the wrong sign", setting="loads")
+    if min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
+        cause = f"the times of the loads are {in_words(factor)} times too short: seconds and minutes were probably "
+        return replace(failed, cause=f"{cause}exchanged", setting="loads")
+    interval = float(readings.attrs.get("sampling_interval", nan))
+    cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
+    cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
+    if settings.keyence.cycle is not None:
+        return replace(failed, cause=cause, file="", setting="keyence.cycle")
+    line = line_of(str(readings.attrs.get("header", "")), "cycle", "period", "周期")
+    return replace(failed, cause=cause, file=settings.laser, line=line)
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -154,10 +135,10 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Compare the residual of one creep law and one zero for all loads with the noise."""
     noise, scatter = float(steps["noise"]), float(steps["scatter"])
-    time, _ = valid(displacement)
+    time, moved = valid(displacement)
     count = int(settled(time, steps, settings).sum())
     # left of each approach by stated uncertainties of loads and zero
-    depth = np.interp(steps["end"].values, *valid(displacement)) - float(steps["touch"])
+    depth = np.interp(steps["end"].values, time, moved) - float(steps["touch"])
     by_loads = 2 / 3 * float(np.max(depth * steps["u_force"].values / steps["force"].values))
     allowance = hypot(_FIT * noise, by_loads, settings.steps.drift.value)
     text = f"{settings.laser}: the best creep fit for these loads leaves {quantity(scatter, 'm')}, the noise of a "
@@ -182,13 +163,8 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
     def misfit(forces: Floats, rows: Floats) -> float:
         if not (np.diff(forces, prepend=0.0) > 0.0).all():
             return np.inf
-        fit = TouchFit(rows, creep_design(elapsed, steps.assign(force=("load", forces)), radius)[0])
-        return fit.solve(fit.best())[1]
-
-    def freed_by(change: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-        options = {"xatol": 1e-3 * (high - low)}
-        found = minimize_scalar(change, bounds=(low, high), method="bounded", options=options)
-        return float(found.fun), float(found.x)
+        design, _ = creep_design(elapsed, steps.assign(force=("load", forces)), radius)
+        return creep_fit(rows, design, best_touch(rows, design))[1]
 
     def with_load(which: Flags, decade: float) -> float:
         return misfit(np.where(which, 10.0**decade, force), readings)
@@ -196,30 +172,32 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
     def drifted(share: Floats, by: float) -> float:
         return misfit(force, readings - by * share)
 
-    freed: list[tuple[float, str, str]] = []
-    extent, gravity, others = 0.3 * float(np.ptp(readings)), settings.model.gravity.value, np.arange(force.size)
+    def freed(change: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+        options = {"xatol": 1e-3 * (high - low)}
+        found = minimize_scalar(change, bounds=(low, high), method="bounded", options=options)
+        return float(found.fun), float(found.x)
+
+    found: list[tuple[float, str, str]] = []
+    extent, gravity = 0.3 * float(np.ptp(readings)), settings.model.gravity.value
     for i, load in enumerate(settings.loads):
         low = max(1.01 * force[i - 1] if i else 0.0, force[i] / _FREED)
         high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
-        which, share = others == i, np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
-        at, mass = (log10(low), log10(high)), f"{load.mass.value:g} kg"
-        left, decade = freed_by(partial(with_load, which), *at)
+        share, mass = np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0), f"{load.mass.value:g} kg"
+        left, decade = freed(partial(with_load, np.arange(force.size) == i), log10(low), log10(high))
         said = f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {mass}: all others fit the record then"
-        freed.append((left, f"{said} (loads in session.toml)", f"loads[{i}].mass"))
-        left, way = freed_by(partial(drifted, share), -extent, extent)
+        found.append((left, f"{said} (loads in session.toml)", f"loads[{i}].mass"))
+        left, way = freed(partial(drifted, share), -extent, extent)
         said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({mass}) was held: the "
-        freed.append((left, f"{said}temperature changed, or the stand settled", ""))
+        found.append((left, f"{said}temperature changed, or the stand settled", ""))
     noise = float(steps["noise"]) ** 2 * used.size
-    left, cause, setting = min(freed)
+    left, cause, setting = min(found)
     if left - noise < _LEFT * (misfit(force, readings) - noise):
         return cause, setting
     return "a load, a time or the zero is wrong, or something other than the contact moved", ""
 
 
-def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, model: xr.Dataset | None = None) -> Check:
+def _of_material(settings: StaticLoading, approach: xr.Dataset, model: xr.Dataset) -> Check:
     """Hold the approach against Hertz and creep of the named material: (F J)^(2/3) R^(-1/3)."""
-    if approach is None or model is None:
-        return not_made(MATERIAL, "a material and a measured approach")
     seen, u_seen = float(approach["level_approach"][-1]), float(approach["u_level_approach"][-1])
     expected, u_expected = float(model["approach"][-1]), float(model["u_approach"][-1])
     if not (seen > 0.0 and expected > 0.0):
@@ -249,21 +227,16 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
         said = f"the sphere is probably of another material than is named, about {in_words(k**-1.5, 2)} times as stiff"
         return f"{said}; or sphere.radius or the loads are stated wrongly"
 
+    def of_masses(k: float) -> str:
+        return f"the masses come out {too_large(k)}: {masses} (loads in session.toml)"
+
+    def of_lengths(k: float) -> str:
+        return f"lengths come out {too_large(k)}: {length}"
+
+    radii = SLIPS["gain"] + _LENGTHS
     return (
-        Cause(
-            {MATERIAL: -2 / 3},
-            lambda k: f"the masses come out {too_large(k)}: {masses} (loads in session.toml)",
-            SLIPS["mass"],
-            only_usual=True,
-            setting="loads",
-        ),
-        Cause({MATERIAL: 1 / 3}, of_radius, SLIPS["gain"] + _LENGTHS, only_usual=True, setting="sphere.radius"),
-        Cause(
-            {MATERIAL: 1.0},
-            lambda k: f"lengths come out {too_large(k)}: {length}",
-            _LENGTHS,
-            only_usual=True,
-            file=settings.laser,
-        ),
+        Cause({MATERIAL: -2 / 3}, of_masses, SLIPS["mass"], only_usual=True, setting="loads"),
+        Cause({MATERIAL: 1 / 3}, of_radius, radii, only_usual=True, setting="sphere.radius"),
+        Cause({MATERIAL: 1.0}, of_lengths, _LENGTHS, only_usual=True, file=settings.laser),
         Cause({MATERIAL: 1.0}, of_material, setting="sphere"),
     )

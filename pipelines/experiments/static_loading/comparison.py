@@ -10,7 +10,6 @@ from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row, with_its_u
-from pipelines.experiments.static_loading.load_steps import touch_apart, touch_weights
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.model import of_material
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -54,23 +53,18 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
     level, u = (approach[f"{part}level_contact_radius"].values for part in ("", "u_"))
     theirs, u_theirs = (mean(model[f"{part}contact_radius"].values) for part in ("", "u_"))
     depth = model["approach"].values
-    # the zero has wandered up to here, and moved the touch that is determined from the whole record
-    drifted = settings.steps.drift.value * mean(time) / float(time[-1]) - float(steps["touch_by_drift"])
     steep = np.where(level > 0.0, radius.value / (2 * np.where(level > 0.0, level, 1.0)), 0.0)
     # the radius of the sphere counts in both: with its root in one, its third root in the other
     twice = 2 * (0.5 * level) * (theirs / 3) * (radius.u / radius.value) ** 2
     u_gap = np.sqrt(u**2 + u_theirs**2 - twice)
     columns = {
         "creep_model": (mean(depth) - mean(depth, 0), "growth of the approach under the load, model"),
-        "radius_drift": (
-            steep * drifted,
-            "change of the contact radius by the drift of the zero, one standard uncertainty",
-        ),
         "hertz_difference": (level - model["hertz_radius_relaxed"].values, "contact radius, measured minus Hertz"),
     }
     table = {name: variable("load", values, "m", text) for name, (values, text) in columns.items()}
-    text = "change of the contact radius by first touch, and by what the readings share with it"
-    table["radius_touch"] = variable("load", -steep * (1.0 - approach["touch_follows"].values), "1", text)
+    for name, slope in (("first touch", -steep), ("drift", steep * mean(time) / float(time[-1]))):
+        text = f"change of the contact radius by {name}"
+        table[f"radius_{name.rpartition(' ')[2]}"] = variable("load", slope, "1", text)
     table |= with_u("radius_model", "load", theirs, u_theirs, "m", "contact radius at the end of the load, model")
     return table | with_u(
         "radius_difference", "load", level - theirs, u_gap, "m", "contact radius, measured minus model"
@@ -83,7 +77,6 @@ def _along(
     """Lay the contact radius against the model in stretches of each load, ever longer ones.
 
     They share scale, first touch and drift of the readings, and the model's sphere, loads and solid.
-    First touch follows the noise of the readings that determine it.
     """
     time, radius = approach["time"].values, settings.sphere.radius
     ours, theirs = approach["contact_radius"].values, model["contact_radius"].values
@@ -100,17 +93,13 @@ def _along(
         return None
     means, own = stretches(ours - theirs, places)
     a, expected = stretch_means([ours, theirs], places)
-    u_touch, by_drift = touch_apart(steps)
-    together = float(steps["noise"]) ** 2 * stretch_means([touch_weights(displacement, steps, settings)], places)[0]
-    follows = together / u_touch**2 if u_touch > 0.0 else np.zeros(means.size)
     steep = 0.5 * radius.value / a
-    own = np.sqrt(np.maximum(own**2 - (steep * follows * u_touch) ** 2, 0.0))
     middle = stretch_means([time], places)[0]
     held = np.maximum(np.searchsorted(begin, middle, side="right") - 1, 0)
     effects = [
         0.5 * a * float(displacement.attrs["u_systematic_relative"]),
-        steep * (1.0 - follows) * u_touch,
-        steep * (settings.steps.drift.value * middle / time[-1] - by_drift),
+        steep * float(steps["u_touch"]),
+        steep * settings.steps.drift.value * middle / time[-1],
         (0.5 * a - expected / 3.0) * radius.u / radius.value,
         expected / 3.0 * (u_force / force)[held],
         *(expected * np.interp(middle, model["node"].values, one) for one in model["effect"].values),
@@ -123,7 +112,7 @@ def rows(comparison: xr.Dataset, approach: xr.Dataset, model: xr.Dataset, *, set
     n, nrmse = int(comparison["time"].size), comparison["nrmse_contact_radius_model"]
     bias = comparison["bias_contact_radius_model"]
     yield row("contact radius", "m", n, nrmse=nrmse, difference=bias, **of_curve(comparison))
-    radius, drift = settings.sphere.radius.value, settings.steps.drift.value
+    radius = settings.sphere.radius.value
     for i, load in enumerate(settings.loads):
         value, level = float(comparison["radius_model"][i]), float(approach["level_contact_radius"][i])
         yield row(
@@ -135,7 +124,7 @@ def rows(comparison: xr.Dataset, approach: xr.Dataset, model: xr.Dataset, *, set
                 "radius": level / (2 * radius) - value / (3 * radius),
                 SCALE: level / 2,
                 TOUCH: float(comparison["radius_touch"][i]),
-                DRIFT: float(comparison["radius_drift"][i]) / drift if drift > 0.0 else 0.0,
+                DRIFT: float(comparison["radius_drift"][i]),
                 MODULUS: value / 3,
                 LOADS: -value / 3,
             }

@@ -22,7 +22,7 @@ from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.shared.exclusions import without_readings
-from pipelines.experiments.static_loading.load_steps import SIDE, settled, touch_apart, touch_weights, valid
+from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
@@ -51,7 +51,6 @@ _LEVELS = {
     "level_approach": ("m", "approach at the end of the load"),
     "level_contact_radius": ("m", "contact radius at the end of the load, from the approach"),
     "creep": ("m", "growth of the approach under the load, first to last window"),
-    "touch_follows": ("1", "by how much the noise of the level follows an error of first touch"),
 }
 
 
@@ -60,26 +59,21 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     time, moved = valid(displacement)
     depth = moved - float(steps["touch"])
     radius, relative = settings.sphere.radius, float(displacement.attrs["u_systematic_relative"])
-    noise, (u_touch, by_drift) = float(steps["noise"]), touch_apart(steps)
-    wander = settings.steps.drift.value * time / float(time[-1])
-    u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + (wander - by_drift) ** 2)
-    # the touch follows the readings from which it is determined, the first load's above all
-    together = noise**2 * touch_weights(displacement, steps, settings)
+    noise, wander = float(steps["noise"]), settings.steps.drift.value * time / float(time[-1])
+    u_depth = np.sqrt(float(steps["u_touch"]) ** 2 + (relative * depth) ** 2 + wander**2)
     smooth = np.empty_like(depth)
     rows: list[dict[str, float]] = []
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
     for begin, end in spans(steps):
         first, last = windows(time, (begin, end), settings)
-        shared, level = float(together[last].mean()), float(depth[last].mean())
-        random = noise**2 / last.sum() - 2.0 * shared
-        u_level = float(np.sqrt(max(random + u_depth[last].mean() ** 2, 0.0)))
+        level = float(depth[last].mean())
+        u_level = float(np.hypot(noise / np.sqrt(last.sum()), u_depth[last].mean()))
         creep = level - float(depth[first].mean())
         drifted = float(wander[last].mean() - wander[first].mean())
         u_creep = np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + drifted**2)
         a_level, u_a = map(float, _radius(level, u_level, radius))
         row = {"level_approach": level, "u_level_approach": u_level, "creep": creep, "u_creep": float(u_creep)}
         row |= {"level_contact_radius": a_level, "u_level_contact_radius": u_a}
-        row["touch_follows"] = shared / u_touch**2 if u_touch > 0.0 else 0.0
         rows.append(row)
         near = np.flatnonzero((time >= begin) & (time <= end))  # a moving average that does not cross a step
         smooth[near] = [a[near[np.abs(time[near] - t) <= 0.5 * _SMOOTH]].mean() for t in time[near]]

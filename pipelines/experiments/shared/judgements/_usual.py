@@ -170,7 +170,8 @@ def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
     """
 
     def say(factor: float) -> str:
-        right, given = quantity(stated_value / factor, unit), quantity(stated_value, unit)
+        values = (stated_value / factor, stated_value)
+        right, given = (f"{value:.3g}" if unit == "1" else quantity(value, unit) for value in values)
         said = f"{right}, not {given}"
         if right == given:
             more = "more" if factor < 1.0 else "less"

@@ -49,16 +49,3 @@ def test_an_amplitude_near_the_mean_depth_is_no_mistake(processed_session: Path,
     waves = measured.oscillations(loads, settings=settings)
     found = judged(readings, loads, waves, None, None, settings=settings)
     assert found.believable == "yes", found.findings
-
-
-def test_a_force_beyond_the_capacity_is_a_note_where_the_named_material_gives_it(processed_session: Path) -> None:
-    """A stiff polymer is no mistake, and a cell of that name may do more."""
-    results = opened(processed_session)
-    names = ("readings", "loads", "oscillations", "model", "comparison")
-    parts = [results.result("nbr", name) for name in names]
-    parts[0].attrs["blocks"] = parts[0].attrs["blocks"].replace('"250N', '"5N')
-    settings = results.experiments["nbr"].settings
-    found = judged(*parts, settings=settings)
-    assert found.believable == "yes"
-    assert [(f.check, f.level) for f in found.findings] == [("load cell", "note")]
-    assert judged(*parts[:3], None, None, settings=settings).believable == "impossible"

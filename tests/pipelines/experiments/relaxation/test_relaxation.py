@@ -70,9 +70,8 @@ def test_depth_peak_and_plateau_are_the_true_ones(session: Path) -> None:
     for i, depth in enumerate(DEPTHS):
         known = truth(session, depth)
         assert abs(float(found["depth"][i]) - depth) < 3 * float(found["u_depth"][i])
-        for ours, theirs in (("plateau_force", "plateau_force"), ("peak_force_unfiltered", "peak_force")):
-            gap = float(found[ours][i]) - known[theirs]
-            assert abs(gap) < 3 * float(found[f"u_{ours}"][i]), ours
+        gap = float(found["plateau_force"][i]) - known["plateau_force"]
+        assert abs(gap) < 3 * float(found["u_plateau_force"][i])
         # the filter hides some of the peak
         assert float(found["peak_force"][i]) < known["peak_force"]
         assert float(found["speed"][i]) == pytest.approx(1e-3, rel=1e-3)
@@ -98,17 +97,6 @@ def test_the_modulus_by_the_printed_equation_is_that_of_a_cosine() -> None:
     found = 10.14e6 * elastic_force(np.array([0.1e-3, 0.2e-3, 0.3e-3]), cosine)
     # the modulus is printed to four digits
     np.testing.assert_allclose(found, [12.40, 30.90, 54.81], rtol=5e-4)
-
-
-def test_the_relaxation_modulus_follows_from_the_force_alone(session: Path) -> None:
-    rubber = materials.load("nbr")
-    for name in files_of(session):
-        found = result(session, "nbr", "curves", name)
-        lag = found["elapsed"].values
-        inside = (lag > 0.05) & (lag < 20.0)
-        known = np.asarray(rubber.relaxation(lag)) / (1 - float(rubber.nu) ** 2)
-        ratio = found["relaxation_modulus"].values / known
-        assert np.abs(ratio[inside] - 1).max() < 0.01
 
 
 def test_the_model_of_the_right_material_agrees_in_every_part(session: Path) -> None:
@@ -226,7 +214,3 @@ def test_budget_of_the_modulus_is_that_of_the_table(session: Path) -> None:
         budget = linear_budget(made.model, made.inputs)
         assert budget.value == pytest.approx(float(table["reduced_modulus"][i]), rel=1e-9)
         assert budget.u == pytest.approx(float(table["u_reduced_modulus"][i]), rel=0.05)
-        peak = found[f"largest force before the filter, test {i + 1}"]
-        assert linear_budget(peak.model, peak.inputs).u == pytest.approx(
-            float(table["u_peak_force_unfiltered"][i]), rel=1e-3
-        )
