@@ -33,7 +33,6 @@ _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
-_DARK = 32  # frames without the holder whose light is measured
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
@@ -140,10 +139,7 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
     return found.assign_attrs(
-        work=json.dumps(work),
-        recorded=recorded_on(source),
-        light=light_of(source, found["frame"].values[~found["valid"].isel(point=0).values][:_DARK]),
-        said_by_file=said_by_file(source),
+        work=json.dumps(work), recorded=recorded_on(source), light=light_of(source), said_by_file=said_by_file(source)
     )
 
 

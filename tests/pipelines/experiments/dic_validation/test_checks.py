@@ -181,18 +181,11 @@ def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
     assert (told.level, told.setting) == ("doubtful", "tracking.body")
 
 
-def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
-    motion["displacement"][320:] += 4e-4
-    told = finding(judged(motion, laser)[0], "level between frames")
-    assert (told.level, told.file) == ("doubtful", SETTINGS.film)
-    assert "80.0 ms" in told.message
-
-
 def test_a_lens_that_is_refocused_is_doubtful(motion, laser):
     track = tracked(motion.sizes["time"])
     for name in ("stretch_x", "stretch_y"):
         track[name].values[240:] += 0.05
-    told = finding(judged(motion, laser, track=track)[0], "level between frames")
+    told = finding(judged(motion, laser, track=track)[0], "size of the image")
     assert (told.level, "grows by 5.0" in told.message, "focus" in told.cause) == ("doubtful", True, True)
 
 
