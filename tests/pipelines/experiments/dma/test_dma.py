@@ -149,7 +149,6 @@ def test_theglass_transition_lies_at_the_maximum_of_the_true_curve():
     found = glass_transition.transitions([ramp])
     peak = fine[np.argmax(true.imag / true.real)]
     assert abs(float(found.T_peak[0]) - peak) < max(3 * float(found.u_T_peak[0]), 2.0)
-    assert abs(float(found.T_loss[0]) - fine[np.argmax(true.imag)]) < 5.0
 
 
 def test_no_transition_is_said_where_there_is_none(ptfe):
@@ -157,13 +156,12 @@ def test_no_transition_is_said_where_there_is_none(ptfe):
     measured = solid.modulus(np.ones(T.size), T)
     found = glass_transition.transitions([glass_transition.Ramp(1.0, T, measured.real, measured.imag)])
     assert np.isnan(found.T_peak).all()
-    assert "falls by a factor of" in json.loads(found.attrs["reasons"])[0]["T_loss"]
+    assert "falls by a factor of" in json.loads(found.attrs["reasons"])[0]
     kept = ptfe[0].isel(sample=slice(0, 0)).assign_attrs(tests="[]")
     assert "absent" in dma.temperature_sweep([kept], settings=settings_for("ptfe")).attrs
 
 
 def test_the_transition_over_frequency_is_that_of_the_true_curve():
-    """By both criteria, from a noisy set of sweeps; a rubber's loss factor does not know b_T."""
     solid, T, f = SOLIDS["nbr"], np.arange(-40.0, 61.0, 10.0), np.geomspace(0.1, 10.0, 11)
     noise = np.random.default_rng(5)
     true = np.array([solid.modulus(f, np.full(f.size, t)) for t in T])
@@ -177,9 +175,8 @@ def test_the_transition_over_frequency_is_that_of_the_true_curve():
     fine = np.linspace(-60.0, 80.0, 14001)
     for i, hertz in enumerate(found["transition_frequency"].values[:4]):
         exact = solid.modulus(np.full(fine.size, hertz), fine)
-        for name, y in (("T_peak", exact.imag / exact.real), ("T_loss", exact.imag)):
-            gap = float(found[name][i]) - fine[np.argmax(y)]
-            assert not abs(gap) > 4 * float(found[f"u_{name}"][i]) + 0.4, (name, hertz)  # NaN beyond the isotherms
+        gap = float(found["T_peak"][i]) - fine[np.argmax(exact.imag / exact.real)]
+        assert not abs(gap) > 4 * float(found["u_T_peak"][i]) + 0.4, hertz  # NaN beyond the isotherms
     assert np.isfinite(found["T_peak"].values[:2]).all()
 
 
@@ -237,9 +234,8 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
         "Master curve",
         "Shift factors",
         "Spectrum",
-        "Storage and loss modulus, Kramers–Kronig: ",
+        "Kramers–Kronig",
         "Temperature sweep",
-        "For Abaqus",
         "Methods text, to paste",
         "synthetic data",
     ):
