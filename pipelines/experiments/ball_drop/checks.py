@@ -14,7 +14,6 @@ from labpipe.judging import SLIPS, Cause, Check, explain, in_words, not_made, to
 from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from labpipe.workflow.exclusions import exclusions
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
@@ -54,10 +53,7 @@ _FAILED = record_checks.CAUSES | {
 }
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
 TITLES = {
-    "free fall": Title(
-        "Every flight is a parabola with the acceleration of gravity.",
-        (G, "durations of the flights", "direction of the fall"),
-    ),
+    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, "direction of the fall")),
     "stated height": Title("The measured fall equals the stated height.", (HEIGHT,)),
     "order of the bounces": Title(
         "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
@@ -125,14 +121,10 @@ def _of_fall(
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
         fall_checks.restitution(fall),
-        fall_checks.flight_durations(fall, gravity),
         fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
         fall_checks.rest_level(fall, sag),
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
     ]
-    if exclusions(settings, [fall.name]):
-        cause = "the excluded readings hide an impact, so that those after it are counted wrong: exclude the recording"
-        checks = judgements.because(checks, cause, "durations of the flights", file=fall.name)
     checks = fall_checks.backwards(checks)
     for wrong in of_traces:
         if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:

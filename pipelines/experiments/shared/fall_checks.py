@@ -91,31 +91,6 @@ def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> C
     return stated(name, text, "impossible", cause=cause, file=file, setting=setting)
 
 
-def flight_durations(fall: Fall, gravity: Quantity) -> Check:
-    """Compare the duration of every flight with 2 v/g."""
-    name = "durations of the flights"
-    names = ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
-    (touch, leave, out, into), (u_touch, u_leave, u_out, u_into) = (
-        [fall.values(f"{u}{of}") for of in names] for u in ("", "u_")
-    )
-    if touch.size < 3:
-        return not_made(name, "three bounces")
-    own = float(fall.values("fall_acceleration"))
-    lasts, said = touch[1:] - leave[:-1], (out[:-1] + into[1:]) / (own if own > 0 else gravity.value)
-    u = np.hypot(np.hypot(u_touch[1:], u_leave[:-1]), np.hypot(u_out[:-1], u_into[1:]) / abs(own))
-    margin = np.divide(np.abs(lasts - said), u, out=np.zeros_like(u), where=np.isfinite(lasts - said) & (u > 0))
-    worst = int(np.argmax(margin))
-    seen, expected = float(lasts[worst]), float(said[worst])
-    text = f"{fall.name}: the flight from {quantity(float(leave[worst]), 's')} lasts {quantity(seen, 's')}, "
-    text += f"its speeds give {quantity(expected, 's')}"
-    missing = quantity(abs(expected - seen), "s", 2)
-    cause = f"{missing} of this flight are missing, as where rows or frames are lost and those after them counted on"
-    if seen > expected:
-        cause = f"this flight holds {missing} too much, as where rows or frames are doubled, or the body was held in it"
-    place: dict[str, Any] = {"allowance": 0.01 * seen, "factor": False, "file": fall.name, "cause": cause}
-    return compared(name, text, seen, float(u[worst]), expected, 0.0, **place)
-
-
 def restitution(fall: Fall) -> Check:
     """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
     name, values, u = "coefficients of restitution", fall.values("restitution"), fall.values("u_restitution")
