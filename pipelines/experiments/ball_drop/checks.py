@@ -25,7 +25,6 @@ from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_FINE = 2.0  # standard uncertainties within which a record is in order where another is not
 _FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
@@ -87,7 +86,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
     of_falls = [_of_fall(fall, stiffness, settings, of_traces) for fall, _ in records]
-    checks += _explained(of_falls, records, read, causes, settings)
+    checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
     checks = [
@@ -132,38 +131,21 @@ def _of_fall(
     return checks
 
 
-def _explained(
+def _of_their_files(
     of_falls: Sequence[list[Check]],
     records: Sequence[tuple[Fall, xr.Dataset]],
     readings: Mapping[str, xr.Dataset | None],
-    causes: Sequence[Cause],
     settings: BallDrop,
 ) -> list[Check]:
-    """Explain the recordings together, or one by one where a mistake is of some of them alone."""
-    everything = [check for found in of_falls for check in found]
-    named = {c.name for c in everything if c.level and np.isfinite(c.log_ratio)}
-    others = [c for found in of_falls if not any(c.level for c in found) for c in found if c.name in named]
-    is_of_some = bool(named and others) and all(abs(c.margin) < _FINE for c in others)
-    if not causes or (explain(everything, causes) and not is_of_some):
-        return everything
-    everything = []
-    for found, record in zip(of_falls, records, strict=True):
-        name = record[0].name
-        alone = [_of_one(c, name, settings) for c in _causes(settings, {name: readings.get(name)}, [record])]
-        everything += with_causes(found, explain(found, alone))
+    """Explain what is wrong in some recordings alone by interval, unit or gain of their files."""
+    flagged = [any(c.level for c in found) for found in of_falls]
+    if not any(flagged) or all(flagged):
+        return [check for found in of_falls for check in found]
+    everything: list[Check] = []
+    for found, (fall, moved) in zip(of_falls, records, strict=True):
+        causes = _causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)])
+        everything += with_causes(found, explain(found, [c for c in causes if c.file == fall.name]))
     return everything
-
-
-def _of_one(cause: Cause, name: str, settings: BallDrop) -> Cause:
-    """Return a cause as it can be of one recording: a value that is stated once for all of them is not wrong for it."""
-    if len(settings.laser) == 1:
-        return cause
-    if cause.setting == "height" or cause.setting.startswith("sphere"):
-        return replace(cause, say=lambda _: _OF_ANOTHER, file=name, setting="")
-    if cause.file != settings.calibration:
-        return cause
-    why = "its gain or display factor, or the angle of the sensor, was another one than for the other repeats"
-    return replace(cause, say=lambda k: f"lengths of {name} come out {too_large(k)}: {why}", file=name, setting="")
 
 
 def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, float] | None:
