@@ -46,15 +46,6 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
     options: dict[str, Any] = {"subset": subsets, "static_frames": static, **chosen.masks}
-    if chosen.masks:
-        body = imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]})
-        if statuses(body)[0] == "covered":
-            at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
-            raise InputError(
-                f"{' and '.join(f'tracking.{name}' for name in chosen.masks)} leave too few pixels of the square of "
-                f"{width} px about {at}, which gives the motion: draw them in px of the first image, or give another "
-                "tracking.body"
-            ).because(next(iter(chosen.masks)))
     coarse: dict[str, int] = {}
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
@@ -160,7 +151,8 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
         raise InputError(
             f"the holder was found in {100 * share:.0f} % of the frames only (others: {lost[np.argmax(times)]}); give "
-            "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls"
+            "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls, and that "
+            "masks (tracking.regions, covers, obstructions) leave free"
         )
     direction, u_direction = _direction(body)
     turn, tilt = direction if abs(direction) < STRAIGHT else 0.0, settings.camera_tilt
