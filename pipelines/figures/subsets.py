@@ -137,9 +137,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
         "of the film, on which the laser's record is laid at first contact (dotted); (b) velocity by a smoothing "
         "spline.",
         figure,
-        computed=(
-            f"film minus laser: mean {with_u(made, 'bias')} µm; nRMSE {100 * float(made['nrmse']):.2f} %."
-        ),
+        computed=(f"film minus laser: mean {with_u(made, 'bias')} µm; nRMSE {100 * float(made['nrmse']):.2f} %."),
         difference=(
             "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for 7 mm (37.8 ms "
             f"of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins before the release, from "
