@@ -21,6 +21,7 @@ from pipelines.experiments.shared.exact_values import usual_uncertainty
 
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
+_MOVED = "the body was touched or lifted, or another drop follows in the record"
 BY_NAME, MEASURED = 0.25, 0.1
 """Standard uncertainty of the logarithm of a contact's duration, for a solid that is known by its name and for one
 whose modulus was measured: t goes with E*^-0.4, so that factors of two and of 1.3 in its modulus are one of them."""
@@ -104,14 +105,8 @@ def restitution(fall: Fall) -> Check:
     worst = int(np.argmax(beyond))
     text = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
     found = bounded(name, text, float(held[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
-    if beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5:
-        return replace(found, cause=BACKWARDS)
-    if worst == 0 or (beyond[:worst] > DOUBTFUL).any():
-        return found
-    cause = (
-        f"until impact {worst} the body bounces, then something else moves it: it was touched or lifted, or another "
-    )
-    return replace(found, cause=f"{cause}drop follows in the record")
+    is_backwards = beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5
+    return replace(found, cause=BACKWARDS if is_backwards else _MOVED)
 
 
 def backwards(checks: Sequence[Check]) -> list[Check]:

@@ -19,7 +19,7 @@ from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import SCHEMAS, init, open_session, process
+from pipelines.session import SCHEMAS, init, process
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
 
@@ -122,12 +122,6 @@ def test_points_without_torque_are_left_out_and_said():
     assert int(np.isnan(found.storage).sum()) == 1
 
 
-def test_a_missing_temperature_is_asked_for():
-    data = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)]).drop_vars("temperature")
-    with pytest.raises(InputError, match="no column for: temperature"):
-        gather_sweeps(data, "tension", 0.3)
-
-
 def test_an_export_without_a_sweep_is_refused():
     data = make([([1.0] * 9, np.arange(0, 90, 10.0).tolist(), [""] * 9)])
     with pytest.raises(InputError, match="no isothermal frequency sweep"):
@@ -208,15 +202,6 @@ def test_a_specimen_without_a_cross_section_is_refused():
         Specimen(**lengths(length=(20, 0), diameter=(3, 0)), entered=Dimensions(**lengths(width=(3, 0))))
 
 
-def test_fewer_terms_keep_the_moduli(curve):
-    few = model.deck(curve, settings=settings_for("ptfe"), name="ptfe").tension
-    assert few.E.size < curve.sizes["term"] / 1.5
-    omega = 2 * np.pi * curve["reduced_frequency"].values
-    full = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=0.46)
-    ratio = few.complex_modulus(omega) / full.complex_modulus(omega)
-    assert np.sqrt(np.mean(np.abs(ratio - 1) ** 2)) < 0.015
-
-
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     solid = SOLIDS["ptfe"]
@@ -250,30 +235,6 @@ def test_a_scan_proposes_the_experiment_with_the_mode_that_its_strain_tells(sess
     text = found.path.read_text("utf-8")
     assert 'kind = "dma"' in text
     assert 'mode = "shear"  # or torsion' in text
-
-
-HARMONIC = """
-[experiments.punch]
-kind = "harmonic"
-mach1 = "punch.txt"
-
-[experiments.punch.punch]
-radius = "2 mm"
-period = "8 mm"
-depth = "6 mm"
-
-[experiments.punch.substrate]
-material_from = "{name}"
-"""
-
-
-@pytest.mark.parametrize("name", ["ptfe", "experiment:ptfe"])
-def test_another_experiment_names_the_material_with_or_without_prefix(session, name):
-    (session / "punch.txt").write_text("x", "utf-8")
-    with (session / "session.toml").open("a", encoding="utf-8") as stream:
-        stream.write(HARMONIC.format(name=name))
-    opened = open_session(session)
-    assert opened.experiments["punch"].settings.substrate.material_from == "experiment:ptfe"
 
 
 def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
