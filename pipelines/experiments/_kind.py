@@ -28,10 +28,9 @@ JUDGEMENT = "judgement"
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """A function of results that is no stage, such as rows of a comparison or a budget.
+    """A function of results that is no stage: rows of a comparison, a budget.
 
-    ``function`` is ``"module:function"``, called with ``inputs`` (results and files, in the language of a stage's
-    inputs) and those keywords that it takes: ``settings``, and others by its purpose.
+    ``"module:function"`` takes ``inputs``, in the language of a stage's, and those keywords that it asks for.
     """
 
     function: str
@@ -40,10 +39,9 @@ class Derived:
 
 @dataclass(frozen=True, slots=True)
 class KeyNumber:
-    """A column of the session's page and of the catalogue.
+    """A column of the session's page and of the catalogue; kinds that give the same title share it.
 
     It is the first finite value of ``variable`` in the result of ``stage``, in the SI ``unit``.
-    Kinds that give the same title share the column.
     """
 
     title: str
@@ -65,11 +63,9 @@ class KeyNumber:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The small picture on the session's page: one variable of a result over another.
+    """The small picture on the session's page: one variable of a result, of the first recording, over another.
 
-    Of a stage that runs per recording, the first recording is shown. ``scale`` is "linear" or
-    "log", of both axes. With ``is_first`` only the first stretch without a gap is drawn: one contact
-    of a film that shows several, and long waits between.
+    ``scale`` of both axes is "linear" or "log"; with ``is_first`` only the first stretch without a gap is drawn.
     """
 
     stage: str
@@ -83,10 +79,10 @@ class Picture:
 class Found:
     """Files that a scan recognised in a folder, relative to it.
 
-    ``names`` holds them by the name of their instrument (``"keyence"``) and by their content (``"displacement"``), and
-    calibration records by their kind (``"record:laser"``), those that will be written too, with their ``texts``.
-    ``owners`` are instrument and reason why no experiment may begin from a file, ``unknown`` those that no instrument
-    recognises, and ``copies`` those of the owned files that equal another one, with its name.
+    ``names`` holds them by instrument (``"keyence"``) and content (``"displacement"``), and calibration records by
+    their kind (``"record:laser"``), those that will be written too, with their ``texts``. ``owners`` are instrument and
+    reason why no experiment may begin from a file, ``unknown`` files of no instrument, and ``copies`` the owned files
+    that equal another one, with its name.
     """
 
     folder: Path
@@ -107,11 +103,10 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """An experiment that a kind would make of some files.
+    """An experiment that a kind would make of some ``files``, which are offered to no other kind then.
 
-    ``stem`` is common to the names of the ``files``, which are relative to the folder and offered to no other kind; it
-    gives the experiment its name and its place. ``text`` takes that name and returns the tables of session.toml, in
-    which values that are in no file are gaps (:data:`labpipe.workflow.fields.GAP`).
+    ``stem``, common to their names, gives it its name and place; ``text`` takes the name and returns its tables of
+    session.toml, with gaps (:data:`labpipe.workflow.fields.GAP`) for values that are in no file.
     """
 
     stem: str
@@ -121,20 +116,11 @@ class Proposed:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """How ``init`` finds the experiments of a kind among the files of a folder.
+    """How ``init`` finds the experiments of a kind among files of some contents (:data:`instruments.CONTENTS`).
 
-    Attributes
-    ----------
-    contents : tuple of str
-        Contents of its files (:data:`instruments.CONTENTS`), of every instrument, of other distributions too.
-    function : str
-        ``"module:function"``; takes the :class:`Found` and the names of one instrument's files
-        that no kind has taken yet, and yields :class:`Proposed`.
-    records : str
-        ``"module:function"``; takes the :class:`Found` and returns calibration records that are
-        missing, as ``{"record:KIND": {name: text}}``. Empty when the kind needs none.
-    answers : mapping of str to tuple of str
-        Fields that a person is asked for, and the answers that are accepted.
+    ``function`` takes the :class:`Found` and the names of one instrument's files that no kind has taken yet, and yields
+    :class:`Proposed`; ``records`` returns calibration records that are missing, ``{"record:KIND": {name: text}}``, and
+    is empty when the kind needs none; ``answers`` are fields that a person is asked for, with those that are accepted.
     """
 
     contents: tuple[str, ...]
@@ -163,15 +149,14 @@ class Kind:
         Yield :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``, and
         :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
     evidence, prior : Derived, optional
-        Evidence of ``identify`` on the material, and knowledge before it. Both may take ``name`` (the experiment's),
-        one ``impacts`` (how many bounces count), the other ``temperature`` (degC or None), and return a
+        Evidence of ``identify`` on the material, and knowledge before it: a
         :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that says why there is none.
+        Both may take ``name``, one ``impacts`` (how many count), the other ``temperature`` (degC or None).
     film : str
-        ``"module:function"`` from the path of a film, results of stages named as its parameters (or None), and
-        ``settings`` to a :class:`pipelines.experiments.shared.film_frames.DrawnFilm`.
+        ``"module:function"`` from a film's path, results by stage (or None) and ``settings`` to a
+        :class:`pipelines.experiments.shared.film_frames.DrawnFilm`.
     material : Derived, optional
-        The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
-        usual), and returns a :class:`labpipe.materials.Deck`.
+        From ``name`` and ``bulk`` to a :class:`labpipe.materials.Deck`, the material as input of simulation codes.
     proposal : Proposal, optional
         Without one a person writes the experiment into session.toml.
     """

@@ -23,7 +23,6 @@ RECORD = "calibration/laser_plate.toml"
 START = datetime(2024, 5, 14, 9, 30)
 _TOML = "session.toml"
 _CYCLE = "Sampling cycle,50us"
-_SPHERE = "[experiments.plate.sphere]"
 
 
 def write(folder: Path) -> Path:
@@ -68,13 +67,6 @@ ROWS = (
         "mass ten times too large", setting("505.0 ± 0.5 g", "5.05 ± 0.005 kg"), "doubtful", ("sphere.mass",), _TOML
     ),
     Mistake("mass in kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("sphere.mass",), _TOML),
-    Mistake(
-        "direction reversed",
-        setting(_SPHERE, f"[experiments.plate.sensor]\ndirection = -1\n\n{_SPHERE}"),
-        "impossible",
-        ("direction",),
-        _TOML,
-    ),
     # time
     Mistake("cycle 100 for 50 us", header(_CYCLE, "Sampling cycle,100us", ALL), "impossible", ("sampling interval",)),
     Mistake("pasted together", cells(lambda t: t + t, (PTFE,)), "impossible", ("twice",), PTFE),

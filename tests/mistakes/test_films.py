@@ -89,23 +89,14 @@ def _refocused(film: xr.Dataset) -> xr.Dataset:
     return film.assign(centre_x=film["centre_x"] + 10.0 * (film["frame"] >= 182))
 
 
-def _lit(brightness: dict[int, float], clipped: float = 0.0) -> str:
-    """What is measured of the light of a film, in every twentieth frame and some others."""
-    shown = {str(i): b for i, b in (dict.fromkeys(range(0, _COUNT, 20), 1.0) | brightness).items()}
-    return json.dumps({"brightness": shown, "clipped": clipped, "level": 255.0, "view": [480, 1280]})
+def _lit(clipped: float = 0.0) -> str:
+    """What is measured of the light of a film."""
+    return json.dumps({"clipped": clipped, "level": 255.0})
 
 
 def _said(**of_file: Any) -> Change:
     """What the file of the film says of itself."""
     return lambda film: film.assign_attrs(said_by_file=json.dumps(of_file))
-
-
-def _lamp_off(frame: int) -> Change:
-    def change(film: xr.Dataset) -> xr.Dataset:
-        dark = dict.fromkeys(range(frame, frame + 3), 0.08)
-        return film.assign_attrs(light=_lit(dark)).assign(in_contact=film["in_contact"] & ~film["frame"].isin([*dark]))
-
-    return change
 
 
 def _light(stated: float) -> dict[str, Any]:
@@ -145,12 +136,11 @@ ROWS = (
     # view and light
     Row("lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)),
     Row("lens refocused in a contact", "doubtful", ("frame 182", "10 px", "refocused"), _refocused),
-    Row("lamp off in a contact", "doubtful", ("3 of", "frame 178", "light failed"), _lamp_off(178)),
     Row(
         "over-exposed by far",
         "doubtful",
         ("40 % of the pixels", "over-exposed"),
-        lambda film: film.assign_attrs(light=_lit({}, 0.4)),
+        lambda film: film.assign_attrs(light=_lit(0.4)),
     ),
 )
 
@@ -178,7 +168,7 @@ def film() -> xr.Dataset:
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},
         {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT), "pixel_size": 2.17e-6},
-        {"phase_scale_ratio": 1.0, "u_phase_scale_ratio": 1e-3, "u_systematic_relative": 2.2e-3, "light": _lit({})},
+        {"phase_scale_ratio": 1.0, "u_phase_scale_ratio": 1e-3, "u_systematic_relative": 2.2e-3, "light": _lit()},
     )
 
 

@@ -14,7 +14,6 @@ from labpipe.judging import SLIPS, Cause, Check, explain, in_words, not_made, to
 from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from labpipe.workflow.exclusions import exclusions
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
@@ -26,7 +25,6 @@ from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_FINE = 2.0  # standard uncertainties within which a record is in order where another is not
 _FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
@@ -54,10 +52,7 @@ _FAILED = record_checks.CAUSES | {
 }
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
 TITLES = {
-    "free fall": Title(
-        "Every flight is a parabola with the acceleration of gravity.",
-        (G, "durations of the flights", "direction of the fall"),
-    ),
+    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, "direction of the fall")),
     "stated height": Title("The measured fall equals the stated height.", (HEIGHT,)),
     "order of the bounces": Title(
         "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
@@ -91,7 +86,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
     of_falls = [_of_fall(fall, stiffness, settings, of_traces) for fall, _ in records]
-    checks += _explained(of_falls, records, read, causes, settings)
+    checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
     checks = [
@@ -125,14 +120,10 @@ def _of_fall(
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
         fall_checks.restitution(fall),
-        fall_checks.flight_durations(fall, gravity),
         fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
         fall_checks.rest_level(fall, sag),
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
     ]
-    if exclusions(settings, [fall.name]):
-        cause = "the excluded readings hide an impact, so that those after it are counted wrong: exclude the recording"
-        checks = judgements.because(checks, cause, "durations of the flights", file=fall.name)
     checks = fall_checks.backwards(checks)
     for wrong in of_traces:
         if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
@@ -140,38 +131,21 @@ def _of_fall(
     return checks
 
 
-def _explained(
+def _of_their_files(
     of_falls: Sequence[list[Check]],
     records: Sequence[tuple[Fall, xr.Dataset]],
     readings: Mapping[str, xr.Dataset | None],
-    causes: Sequence[Cause],
     settings: BallDrop,
 ) -> list[Check]:
-    """Explain the recordings together, or one by one where a mistake is of some of them alone."""
-    everything = [check for found in of_falls for check in found]
-    named = {c.name for c in everything if c.level and np.isfinite(c.log_ratio)}
-    others = [c for found in of_falls if not any(c.level for c in found) for c in found if c.name in named]
-    is_of_some = bool(named and others) and all(abs(c.margin) < _FINE for c in others)
-    if not causes or (explain(everything, causes) and not is_of_some):
-        return everything
-    everything = []
-    for found, record in zip(of_falls, records, strict=True):
-        name = record[0].name
-        alone = [_of_one(c, name, settings) for c in _causes(settings, {name: readings.get(name)}, [record])]
-        everything += with_causes(found, explain(found, alone))
+    """Explain what is wrong in some recordings alone by interval, unit or gain of their files."""
+    flagged = [any(c.level for c in found) for found in of_falls]
+    if not any(flagged) or all(flagged):
+        return [check for found in of_falls for check in found]
+    everything: list[Check] = []
+    for found, (fall, moved) in zip(of_falls, records, strict=True):
+        causes = _causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)])
+        everything += with_causes(found, explain(found, [c for c in causes if c.file == fall.name]))
     return everything
-
-
-def _of_one(cause: Cause, name: str, settings: BallDrop) -> Cause:
-    """Return a cause as it can be of one recording: a value that is stated once for all of them is not wrong for it."""
-    if len(settings.laser) == 1:
-        return cause
-    if cause.setting == "height" or cause.setting.startswith("sphere"):
-        return replace(cause, say=lambda _: _OF_ANOTHER, file=name, setting="")
-    if cause.file != settings.calibration:
-        return cause
-    why = "its gain or display factor, or the angle of the sensor, was another one than for the other repeats"
-    return replace(cause, say=lambda k: f"lengths of {name} come out {too_large(k)}: {why}", file=name, setting="")
 
 
 def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, float] | None:

@@ -9,12 +9,12 @@ from math import hypot, inf, isfinite, log, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DOUBTFUL, Cause, Check, Level, bounded, compared, explain, in_words, not_made, stated
+from labpipe.judging import DOUBTFUL, Cause, Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, rows
-from pipelines.experiments.contact_area.measured import READ, brightness, edges_only
+from pipelines.experiments.contact_area.measured import READ, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
@@ -24,9 +24,7 @@ from pipelines.experiments.shared.film_checks import (
     exposed,
     frame_times,
     in_order,
-    lit,
     no_copies,
-    sound_frames,
     stated_twice,
     whole_film,
     wrong_rate,
@@ -47,10 +45,6 @@ _LOSSES, _LOSSES_KNOWN = (1.1, 0.03), (1.03, 0.012)
 speed and a ringing plate, and where a model shows how restitution changes with speed."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
-_SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a gamma in the grey levels)"
-_SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
-_OF_HEIGHT = ", or the drop is of another height than stated"
-_UNSEEN = "frames of the flights were lost or left out, as by bursts, and those after them numbered on, or are repeated"
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and a cone of light from a ray
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
@@ -104,8 +98,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         order = next(c for c in checks if c.name == ORDER)
         checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
     causes = given.each([_causes])
-    if not any(FLIGHT in one.checks for one in explain(checks, causes)):
-        checks = [replace(c, cause=c.cause or _UNSEEN) if c.name == FLIGHT else c for c in checks]
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     return Scene(
@@ -125,8 +117,7 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, set
     film, frame, time = settings.film, radius["frame"].values, radius["time"].values
     touches, is_sound = (radius[name].values.astype(bool) for name in ("in_contact", "valid"))
     yield from stated_twice(radius, film, settings.frame_rate, settings.exposure)
-    yield from (lit(film, brightness(radius), touches, time), exposed(radius, film))
-    yield sound_frames(is_sound, whole, settings)
+    yield from (whole, exposed(radius, film))
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
     inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
     yield frame_times(film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
@@ -143,13 +134,11 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
     ratio = float(radius.attrs.get("phase_scale_ratio", nan))
     if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
         return not_made(FRINGE, "a wavelength, and fringes that the film resolves")
-    scale = 2 * float(radius.attrs["u_systematic_relative"])
-    u = hypot(scale, light.u / light.value, body.u / body.value)
+    u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
     message = (
-        f"{settings.film}: R times wavelength, determined from the fringes, is {100 * (1 / ratio - 1):+.2g} % from the "
-        f"stated value (in this light a sphere of {in_words(1e3 * body.value / ratio, 4)} mm in radius, stated are "
-        f"{in_words(1e3 * body.value, 4)} mm), or else a pixel is {100 * (sqrt(ratio) - 1):+.2g} % longer than stated"
+        f"{settings.film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the "
     )
+    message += f"fringes, or else a pixel is {100 * (sqrt(ratio) - 1):+.2g} % longer than stated"
     u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
     return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)
 
@@ -159,13 +148,12 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     edges, fringes = edges_only(radius)
     if settings.wavelength is None:
         return not_made(name, "the wavelength of monochromatic light")
-    frames = "1 frame" if edges == 1 else f"{edges} frames"
-    message = f"{settings.film}: {frames} measured by the edge of the spot, {fringes} by fringes"
-    level: Level | None = "note" if edges else None
+    message = f"{settings.film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+    level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
-    if edges > fringes:
+    if level == "doubtful":
         other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        level, cause = "doubtful", exposed(radius, settings.film).cause or other
+        cause = exposed(radius, settings.film).cause or other
     return stated(name, message, level, cause=cause, file=settings.film)
 
 
@@ -199,9 +187,9 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     return bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
 
 
-def _flies(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
-    """Look for flight before the first impact and after it."""
-    time, touches = radius["time"].values, radius["in_contact"].values.astype(bool)
+def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for flight before the first impact."""
+    touches = radius["in_contact"].values.astype(bool)
     share = float(touches.mean()) if touches.size else 0.0
     level: Level | None = None
     text, cause = f"contact in {share * 100:.0f} % of the frames", ""
@@ -211,12 +199,6 @@ def _flies(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None
     elif touches.size and touches[0]:
         level, text = "doubtful", f"{text}, from the first frame on"
         cause = "the film begins too late: its first impact is not the first one, or is cut"
-    elif impacts is not None and impacts.sizes["impact"] == 1 and not isfinite(float(impacts["static_radius"])):
-        begins, ends = float(impacts["first_seen"][0]), float(impacts["last_seen"][0])
-        if ends >= float(time[-1]):
-            lasts = quantity(ends - begins, "s")
-            level, text = "doubtful", f"the film ends {lasts} after the first contact began, still in contact"
-            cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
     return stated("contact and flight", f"{settings.film}: {text}", level, cause=cause, file=settings.film)
 
 
@@ -225,15 +207,13 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
     peak = impacts["peak_time"].values
     if peak.size < 3:
         return not_made(FLIGHT, "three impacts")
-    seen = [_seen_lasting(radius, impacts, i) for i in range(2)]
-    touches = np.array([shortest for shortest, _ in seen])
-    alike, (allowed, rough) = 1.0, _LOSSES
+    shortest, longest = zip(*(_seen_lasting(radius, impacts, i) for i in range(2)), strict=True)
+    touches, alike, (allowed, rough) = np.array(shortest), 1.0, _LOSSES
     if model is not None and model.sizes["impact"] > 2:
-        # the contact of a wrong mass lasts otherwise than the frames show
-        touches = np.clip(model["contact_duration"].values[:2], touches, [longest for _, longest in seen])
-        # how restitution changes with speed hardly depends on what it is, nor on the material's grade
-        bounced = model["restitution"].values
-        alike, (allowed, rough) = float(bounced[0] / bounced[1]), _LOSSES_KNOWN
+        # the contact of a wrong mass lasts otherwise than the frames show; how restitution changes with speed hardly
+        # depends on what it is
+        touches = np.clip(model["contact_duration"].values[:2], shortest, longest)
+        alike, (allowed, rough) = float(model["restitution"][0] / model["restitution"][1]), _LOSSES_KNOWN
     first, second = (float(lasts) for lasts in np.diff(peak[:3]) - touches)
     if min(first, second) <= 0.0:
         return not_made(FLIGHT, "flights that last longer than contacts")
@@ -243,10 +223,9 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         f"{settings.film}: the first flight lasts {quantity(first, 's')}, expected are {quantity(expected, 's')} "
         f"for e = {e:.3f} by the second flight"
     )
-    shown = 0.5 * settings.height.u / settings.height.value
-    # a model's change of restitution makes nothing impossible: the material may be another
-    is_law = (allowed, rough) == _LOSSES
-    return _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film, is_law)
+    u = hypot(rough, 0.5 * settings.height.u / settings.height.value)
+    # a change of restitution makes nothing impossible: the material may be another
+    return _like(FLIGHT, message, first / expected, allowed, u, settings.film, is_law=False)
 
 
 def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:
@@ -265,8 +244,6 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     if not isfinite(longest):
         return not_made(DURATION, "a frame before and one after the first contact")
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
-    if shortest > 0.0:  # bounds far apart, with undecided frames between them, are a bound of the logarithm
-        seen, own = sqrt(shortest * longest), sqrt(shortest * longest / 24.0) * log(longest / shortest)
     a, u_a = (float(impacts[name][0]) for name in ("peak_radius", "u_peak_radius"))
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
     height, body = settings.height, settings.sphere.radius
@@ -305,17 +282,14 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
     if light is not None:
         colour = judgements.stated_wrongly({FRINGE: 1.0}, "the wavelength", light, "wavelength")
         lines = tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01)
-        say = colour.say
-        yield replace(
-            colour, say=lambda k: f"{say(k)}{_SPOILED * (abs(log(k)) < _SLIGHT)}", usual=lines, slack=_OF_LINES
-        )
+        yield replace(colour, usual=lines, slack=_OF_LINES)
     relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
     of_lengths = {FRINGE: -2.0, RADIUS: 1.0, DURATION: -2.0}
     yield judgements.wrong_scale(of_lengths, settings.camera, relative or inf)
     of_radius = {FRINGE: 1.0, RADIUS: -0.4, DURATION: 1.0}
     yield judgements.stated_wrongly(of_radius, "the sphere's radius", sphere.radius, "sphere.radius")
     of_times = {FLIGHT: -1.0, DURATION: -1.0}
-    yield wrong_rate(of_times, settings.frame_rate, radius, settings.film, _CLOCK, _OF_HEIGHT)
+    yield wrong_rate(of_times, settings.frame_rate, radius, settings.film, _CLOCK)
     of_height = {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5}
     yield judgements.stated_wrongly(of_height, "the drop height", settings.height, "height")
     mass = judgements.stated_wrongly({RADIUS: -0.2}, "the moving mass", sphere.mass, "sphere.mass", "mass", inf)

@@ -4,22 +4,20 @@ Each impact is counted from its largest radius (t_p = 0), as in the thesis.
 """
 
 import json
-import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import calibration
 from calibration import camera as camera_scale
 from labpipe import imaging
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_checks import DARK, LIGHT, about_contacts, light_of, repeated, said_by_file
+from pipelines.experiments.shared.film_checks import light_of, repeated, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
 STILL = 20e-3  # s of contact after which it is rest, not an impact
@@ -32,10 +30,7 @@ _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
 _HIDDEN = 8.0  # usual intervals that frames which show nothing may take from one contact
-_COVERS, _NEAR = 0.85, 8
-"""Share of half the view's diagonal from which a contact, so many frames away, may cover the view."""
 _BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
-_SLOWEST = 3.0  # an impact lasts at most this many times the longest before: Hertz's fifth root
 _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
 
 
@@ -71,7 +66,7 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
         repeated=json.dumps(repeated(seen, read)),
-        light=light_of(seen, about_contacts(read)),
+        light=light_of(seen),
         said_by_file=said_by_file(source),
     )
 
@@ -102,7 +97,6 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
     unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros(len(time), bool)
-    unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
     runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
@@ -136,21 +130,8 @@ def edges_only(radius: xr.Dataset) -> tuple[int, int]:
     return int(np.sum(method == EDGE)), int(np.sum((method == FRINGE_FIT) | (method == OPEN_GAP)))
 
 
-def brightness(radius: xr.Dataset) -> dict[int, float]:
-    """Return the brightness, relative to the usual one, of frames that no contact as wide as the view makes dark."""
-    light = json.loads(radius.attrs.get(LIGHT, "{}"))
-    if not light:
-        return {}
-    wide = np.nan_to_num(radius["radius"].values / float(radius["pixel_size"]))
-    covers = _COVERS * 0.5 * math.hypot(*light["view"])
-    seen = ((int(i), float(b)) for i, b in light["brightness"].items())
-    return {i: b for i, b in seen if wide[max(i - _NEAR, 0) : i + _NEAR + 1].max(initial=0.0) < covers}
-
-
-def _contacts(
-    time: Floats, is_seen: NDArray[np.bool_], is_unknown: NDArray[np.bool_] | None = None
-) -> list[NDArray[np.int64]]:
-    """Group the frames with contact into contacts; frames that show nothing do not part them."""
+def _contacts(time: Floats, is_seen: Flags, is_unknown: Flags) -> list[Integers]:
+    """Group the frames with contact into contacts; damaged frames do not part them."""
     seen = np.flatnonzero(is_seen)
     if not len(seen):
         return []
@@ -158,40 +139,30 @@ def _contacts(
     late = np.diff(time[seen])
     is_new = (np.diff(seen) > _MISSED + 1) | (late > max(_GAP * usual, STILL / 2))
     is_new |= (np.diff(seen) > 1) & (late > (_MISSED + 1.5) * usual)
-    if is_unknown is not None:
-        shows = np.cumsum(~is_unknown)
-        is_new &= (np.diff(shows[seen]) > 1) | (late > _HIDDEN * usual) | (np.diff(seen) == 1)
+    shows = np.cumsum(~is_unknown)
+    is_new &= (np.diff(shows[seen]) > 1) | (late > _HIDDEN * usual) | (np.diff(seen) == 1)
     return np.split(seen, np.flatnonzero(is_new) + 1)
 
 
-def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return contacts that are impacts: neither rest nor a single frame mistaken for a contact.
+def _brief_contacts(time: Floats, a: Floats, runs: list[Integers]) -> list[Integers]:
+    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact.
 
     The time of an impact hardly depends on its speed (Hertz: as its fifth root), and grows from bounce to bounce. A
     contact that ends much sooner than others last, or shows in one frame where others show in several, is a shadow or
     a sphere that passes close by. One between whose frames another whole contact would have fitted is several last
-    bounces, of a film that the camera thins out between the impacts; one that the film's end cuts off is rest when it
-    is too long for an impact.
+    bounces, of a film that the camera thins out between the impacts.
     """
-
-    def lasts(run: NDArray[np.int64]) -> float:
-        return float(time[run[-1]] - time[run[0]])
-
     last = len(time) - 1
-    brief = [run for run in runs if lasts(run) < STILL and np.isfinite(a[run]).any()]
-    shortest = min((lasts(run) for run in brief if len(run) > 2), default=np.inf)
-    brief = [run for run in brief if len(run) < 2 or float(np.diff(time[run]).max()) <= shortest]
-    ended = [run for run in brief if run[-1] < last]
-    if ended and len(ended) < len(brief):
-        longest = max(map(lasts, ended)) + 2 * float(np.median(np.diff(time)))
-        brief = ended if float(time[last] - time[brief[-1][0]]) > _SLOWEST * longest else brief
-    longest, most = max(map(lasts, brief), default=0.0), max(map(len, brief), default=0)
-
-    def is_impact(run: NDArray[np.int64]) -> bool:
-        between = float(time[min(run[-1] + 1, last)] - time[max(run[0] - 1, 0)])
-        return between >= _BRIEF * longest and not (len(run) == 1 and most >= _RESOLVED)
-
-    return [run for run in brief if is_impact(run)]
+    brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
+    shortest = min((np.ptp(time[run]) for run in brief if len(run) > 2), default=np.inf)
+    brief = [run for run in brief if len(run) < 2 or np.diff(time[run]).max() <= shortest]
+    longest, most = max((np.ptp(time[run]) for run in brief), default=0.0), max(map(len, brief), default=0)
+    between = [time[min(run[-1] + 1, last)] - time[max(run[0] - 1, 0)] for run in brief]
+    return [
+        run
+        for run, lasts in zip(brief, between, strict=True)
+        if lasts >= _BRIEF * longest and not (len(run) == 1 and most >= _RESOLVED)
+    ]
 
 
 # Frames on either side of the largest and degree of the polynomial through them, the best first. In

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Flags, Floats
 from labpipe.judging import Cause, Check, Level, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
@@ -25,7 +24,6 @@ from pipelines.experiments.shared.film_checks import (
     frame_times,
     in_order,
     no_copies,
-    sound_frames,
     stated_twice,
     whole_film,
     wrong_rate,
@@ -37,21 +35,17 @@ _GRAVITY = Quantity(9.81, 0.0, "m/s2")
 _BETWEEN_DAYS = 0.01
 """Relative difference of two drops from one height, set anew on another day."""
 _FOUND = 0.9  # of the frames in which the holder should be found
+_STEP = 0.02  # of the usual interval between frames, by which others may differ
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
-_NOT_ON_HOLDER = "tracking.body, [x to the right, y down], is not on the holder"
 _MOSTLY = 0.5  # of the frames that have no value for one reason
-_GROWS = 2e-3  # least relative jump of the image's size
+_GROWS, _IN_NOISE = 2e-3, 10.0
+"""Least relative jump of the image's size, and the same in standard deviations of noise."""
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
 _MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
 _POLYGON = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
-_KNOCKED = 0.02  # of the travel, by which a level jumps that counts
-_STEP = 0.02  # of the usual interval between frames, by which others may differ
-_FEWEST_BENDS = 20  # bends of the motion that tell its noise
-_IN_NOISE, _RETURNS = 10.0, 0.3
-"""Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
 _FAILED = CAUSES | {
     reason: f"{setting} does not lie in the images" if reason == setting else _POLYGON
     for reason, setting in _MENDS.items()
@@ -62,22 +56,19 @@ _FAILED |= {
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
     "(as in a film that was turned or mirrored)",
 }
-FOUND, LEVEL = "holder is found", "level between frames"
+FOUND, SIZE = "holder is found", "size of the image"
 _EXPLAINED = {
     FOUND: ("step motion",),
     "times of the frames": ("step bounces",),
-    LEVEL: ("step bounces", "coefficients of restitution", HEIGHT),
+    SIZE: ("step bounces", "coefficients of restitution", HEIGHT),
 }
 """Checks that fail for the cause of another one."""
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 TITLES = {
     **judgements.OF_FILM,
     "view of the holder": Title("The holder is found in every frame.", (FOUND,)),
-    "steady view": Title("The place and size of the holder's image do not jump between frames.", (LEVEL,)),
-    "free fall": Title(
-        "Every flight is a parabola with the acceleration of gravity.",
-        ("direction of the fall", G, "durations of the flights"),
-    ),
+    "steady view": Title("The size of the holder's image does not jump between frames.", (SIZE,)),
+    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", ("direction of the fall", G)),
     "order of the bounces": Title(
         "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
     ),
@@ -94,7 +85,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
         checks += _of_frames(track, whole, settings)
-    checks += given.each((_times, _steady, _fall))
+    checks += given.each((_times, _fall))
     for check in checks:
         if check.level in ("doubtful", "impossible") and check.name in _EXPLAINED:
             changes: dict[str, Any] = {"log_ratio": nan, "file": settings.film, "setting": ""}
@@ -117,7 +108,6 @@ def _fall(
         fall_checks.acceleration(fall, _GRAVITY),
         _height(fall, laser),
         fall_checks.restitution(fall),
-        fall_checks.flight_durations(fall, _GRAVITY),
     ]
 
 
@@ -125,18 +115,17 @@ def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iter
     """Evaluate the frames of the film, their light and order."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
     status = statuses(track) if "status" in track else np.full(frame.size, "ok")
-    is_sound = np.ones(int(frame[-1]) + 1, bool)  # frames that were not read are assumed to be
-    is_sound[frame] = status != "frame_damaged"
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
-    cause, setting = f"damaged or missing frames, a film that is upside down, or {_NOT_ON_HOLDER}", "tracking.body"
+    cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
+    cause, setting = f"{cause}on the holder", "tracking.body"
     if whole.level:
         cause, setting = whole.cause, ""
     elif np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield stated(FOUND, message, level, cause=cause, setting=setting)
-    yield from (sound_frames(is_sound, whole, settings), exposed(track, film))
+    yield from (whole, exposed(track, film), _steady(track, film))
     yield from stated_twice(track, film, settings.frame_rate)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
@@ -147,67 +136,28 @@ def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iter
 
 def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Check:
     time = motion["time"].values
-    begin, end = time[:-1], time[1:]
+    begin, end, steps = time[:-1], time[1:], np.diff(time)
     if bounces is None:  # after rest only every eighth frame is read
-        moves = np.arange(begin.size) < np.flatnonzero(_even(np.diff(time))).max(initial=0)
+        is_even = np.abs(steps - np.median(steps)) < _STEP * np.median(steps)
+        moves = np.arange(begin.size) < np.flatnonzero(is_even).max(initial=0)
     else:
         moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
     return frame_times(settings.film, np.arange(time.size), time, moves)
 
 
-def _steady(
-    motion: xr.Dataset, settings: DicValidation, track: xr.Dataset | None = None, bounces: xr.Dataset | None = None
-) -> Check:
-    """Look for a place or a size of the holder's image that jumps between two frames."""
-    time, y = motion["time"].values, motion["displacement"].values
-    if np.isfinite(np.diff(y, 2)).sum() < _FEWEST_BENDS:
-        return not_made(LEVEL, "twenty frames in a row")
-    # where bounces are not found, smaller jumps count too
-    found = _jump(time, y, 0.0 if bounces is None else _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
-    cause = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
-    seen = "" if found is None else f"place jumps by {quantity(found[1], 'm')}"
-    if track is not None:  # a change of size shifts the image too
-        body = track.isel(point=0)
-        size = 0.5 * (body["stretch_x"].values + body["stretch_y"].values)
-        grown = _jump(body["time"].values, size, _GROWS)
-        if grown is not None:
-            found, seen = grown, f"image {'grows' if grown[1] > 0.0 else 'shrinks'} by {100 * abs(grown[1]):.2f} %"
-            cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
-            cause += "tracking.body holds more than the holder: draw tracking.regions around what moves"
-    if found is None:
-        return stated(LEVEL, f"{settings.film}: no displacement jumps", None, file=settings.film)
-    when = quantity(float(motion["time"][found[0] + 1]), "s")
-    text = f"{settings.film}: the holder's {seen} between two frames at {when}"
-    return stated(LEVEL, text, "doubtful", cause=cause, file=settings.film)
-
-
-def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
-    """Find the largest jump of a level between two frames: the speed before and after it is one.
-
-    A bounce bends the motion one way. A jump bends it one way and back in the next frame.
-
-    ``y`` (frame,) jumps by ``least`` or more of its unit. Returns the last frame before the jump, and its size, or
-    None.
-    """
-    even = _even(np.diff(time))
-    bend = np.where(even[1:] & even[:-1], np.diff(y, 2), np.nan)
-    known = bend[np.isfinite(bend)]
-    if known.size < _FEWEST_BENDS:
-        return None
-    noise = 1.4826 * float(np.median(np.abs(known - np.median(known))))
-    one, back = bend[1:-2], bend[2:-1]
-    size = np.where(one * back < 0, np.minimum(np.abs(one), np.abs(back)), 0.0)
-    beside = np.maximum(np.abs(bend[:-3]), np.abs(bend[3:]))
-    # where nothing is known beside it, nothing is told
-    jumps = np.flatnonzero((size > max(_IN_NOISE * noise, least)) & (beside < _RETURNS * size))
-    if not jumps.size:
-        return None
-    at = int(jumps[np.argmax(size[jumps])]) + 2
-    return at, float(y[at + 1] - y[at])
-
-
-def _even(steps: Floats) -> Flags:
-    return np.asarray(np.abs(steps - np.median(steps)) < _STEP * np.median(steps))
+def _steady(track: xr.Dataset, film: str) -> Check:
+    """Look for a size of the holder's image that jumps between two frames, which shifts the image too."""
+    body = track.isel(point=0)
+    grown = np.diff(0.5 * (body["stretch_x"].values + body["stretch_y"].values))
+    noise = 1.4826 * float(np.nanmedian(np.abs(grown))) if np.isfinite(grown).any() else 0.0
+    at = int(np.argmax(np.abs(np.nan_to_num(grown))))
+    if not abs(grown[at]) > max(_IN_NOISE * noise, _GROWS):
+        return stated(SIZE, f"{film}: the size of the image does not jump", None, file=film)
+    how, when = "grows" if grown[at] > 0.0 else "shrinks", quantity(float(body["time"][at + 1]), "s")
+    text = f"{film}: the holder's image {how} by {100 * abs(grown[at]):.2f} % between two frames at {when}"
+    cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
+    cause += "tracking.body holds more than the holder: draw tracking.regions around what moves"
+    return stated(SIZE, text, "doubtful", cause=cause, file=film)
 
 
 def _height(fall: Fall, laser: xr.Dataset | None) -> Check:

@@ -47,14 +47,11 @@ def comparison(
     level = "over the height of first contact"
     made = apart(film, seen.values).assign(
         {
-            "concordance": variable((), agreed.concordance, "1", "Lin's concordance coefficient"),
             "scale_uncertainty": variable((), expected, "1", text),
             "film": variable("time", film.values, "m", f"film, {level}"),
             "laser": variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
         }
         | with_u("bias", (), agreed.bias, agreed.u_bias, "m", "mean of film minus laser")
-        | with_u("limit_low", (), agreed.low, agreed.u_limit, "m", "lower 95 % limit of agreement")
-        | with_u("limit_high", (), agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement")
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
     pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")

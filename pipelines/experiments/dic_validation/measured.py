@@ -33,7 +33,6 @@ _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
-_DARK = 32  # frames without the holder whose light is measured
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
@@ -47,15 +46,6 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
     options: dict[str, Any] = {"subset": subsets, "static_frames": static, **chosen.masks}
-    if chosen.masks:
-        body = imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]})
-        if statuses(body)[0] == "covered":
-            at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
-            raise InputError(
-                f"{' and '.join(f'tracking.{name}' for name in chosen.masks)} leave too few pixels of the square of "
-                f"{width} px about {at}, which gives the motion: draw them in px of the first image, or give another "
-                "tracking.body"
-            ).because(next(iter(chosen.masks)))
     coarse: dict[str, int] = {}
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
@@ -140,10 +130,7 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
     return found.assign_attrs(
-        work=json.dumps(work),
-        recorded=recorded_on(source),
-        light=light_of(source, found["frame"].values[~found["valid"].isel(point=0).values][:_DARK]),
-        said_by_file=said_by_file(source),
+        work=json.dumps(work), recorded=recorded_on(source), light=light_of(source), said_by_file=said_by_file(source)
     )
 
 
@@ -164,7 +151,8 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
         raise InputError(
             f"the holder was found in {100 * share:.0f} % of the frames only (others: {lost[np.argmax(times)]}); give "
-            "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls"
+            "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls, and that "
+            "masks (tracking.regions, covers, obstructions) leave free"
         )
     direction, u_direction = _direction(body)
     turn, tilt = direction if abs(direction) < STRAIGHT else 0.0, settings.camera_tilt

@@ -31,22 +31,17 @@ _SPREAD = "± 2 sd of the laser's repeats"
 _LABEL = "time since first contact / ms"
 
 
-def _details(track: xr.Dataset, comparison: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
+def _details(track: xr.Dataset) -> list[tuple[str, str, str]]:
     body = track.isel(point=0)
     lost, hidden = int((~body["valid"].values).sum()), np.nan_to_num(body["hidden"].values)
-    noise = quantity(float(np.nanmedian(body["u_dy"])), "px")
     rows = [
         ("subset on the holder", f"{int(body['subset'])} px", f"lost in {pages.counted(lost, 'frame')}"),
-        ("standard uncertainty of a displacement (noise)", noise, "median"),
+        ("noise of a displacement", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median; standard uncertainty"),
         ("smallest correlation of the subset", f"{float(np.nanmin(body['zncc'])):.4f}", "zero-normalised"),
     ]
     if (hidden > 0.0).any():
         said = f"at most {100 * hidden.max():.0f} % of it, in {int((hidden > 0.0).sum())} of {hidden.size} frames"
         rows.append(("hidden of it", said, "left out there; the uncertainty grows accordingly"))
-    if comparison is not None:
-        limits = " and ".join(pages.told(comparison, f"limit_{end}") for end in ("low", "high"))
-        rows.append(("95 % limits of agreement, film minus laser", limits, "Bland and Altman; of single frames"))
-        rows.append(("concordance of film and laser", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"))
     return rows
 
 
@@ -179,9 +174,7 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
     if comparison is not None:
         text += (
             "It was aligned with the mean of the laser's repeats at first contact. The normalised root-mean-square "
-            f"difference was {float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}, the "
-            f"95 % limits of agreement {pages.told(comparison, 'limit_low')} and {pages.told(comparison, 'limit_high')}"
-            " (Bland and Altman)."
+            f"difference was {float(comparison['nrmse']) * 100:.2f} %, the bias {pages.told(comparison, 'bias')}."
         )
     return pages.methods(text, settings)
 

@@ -71,6 +71,14 @@ class Sweep:
             return text
         return f"{text}, interval {int(self.export.data['interval'].values[self.rows[0]])}"
 
+    def periods(self) -> Floats:
+        """Return how many periods its readings took, in the order of time; empty without times."""
+        if "time" not in self.export.data:
+            return np.empty(0)
+        rows = np.sort(self.rows)
+        lasts = np.diff(self.export.data["time"].values[rows]) * self.export.data["frequency"].values[rows[1:]]
+        return np.asarray(lasts[np.isfinite(lasts) & (lasts > 0.0)])
+
     def values(self, name: str) -> Floats:
         """Return one of its columns."""
         return np.asarray(self.export.data.variables[name].values[self.rows], float)

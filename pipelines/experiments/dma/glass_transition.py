@@ -10,7 +10,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.uncertainty import propagated_u
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 
 FEWEST = 9  # points of a temperature sweep in which a transition is looked for
 _HALF_WINDOW = 6.0  # K to either side in which a slope is fitted
@@ -36,8 +36,8 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
     """Return the readings of all ramps in one row, and the transition of every ramp.
 
     Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
-    ``frequency``, ``T_peak`` (maximum of tan δ), ``T_loss`` (maximum of E″), ``T_drop`` (steepest fall of ln E′), each
-    with its uncertainty, NaN where there is none. The attribute ``reasons`` (JSON) says why, ramp by ramp.
+    ``frequency``, ``T_peak`` (maximum of tan δ) and ``T_drop`` (steepest fall of ln E′), each with its uncertainty, NaN
+    where there is none. The attribute ``reasons`` (JSON) says why there is no maximum, ramp by ramp.
     """
     orders = [np.argsort(ramp.temperature, kind="stable") for ramp in ramps]
     columns = [np.stack([r.temperature, r.storage, r.loss])[:, order] for r, order in zip(ramps, orders, strict=True)]
@@ -54,12 +54,12 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
         "frequency": variable("ramp", [ramp.frequency for ramp in ramps], "Hz", "frequency of the sweep"),
     }
     found = np.array([_transition(*one) for one in columns])
-    texts = ("maximum of the loss factor", "maximum of the loss modulus", "steepest fall of the storage modulus")
-    for (T_of, u), name, text in zip(np.moveaxis(found, 0, 2), ("T_peak", "T_loss", "T_drop"), texts, strict=True):
+    texts = ("maximum of the loss factor", "steepest fall of the storage modulus")
+    for (T_of, u), name, text in zip(np.moveaxis(found, 0, 2), ("T_peak", "T_drop"), texts, strict=True):
         variables[name] = variable("ramp", T_of, "degC", f"glass transition: {text}")
         variables[f"u_{name}"] = variable("ramp", u, "K", f"standard uncertainty of the glass transition: {text}")
     work = {"temperature_sweeps": len(ramps), "points": int(T.size)}
-    reasons = [{"T_peak": _why_none(T, E, loss / E), "T_loss": _why_none(T, E, loss)} for T, E, loss in columns]
+    reasons = [_why_none(T, E, loss / E) for T, E, loss in columns]
     said = {"work": json.dumps(work), "reasons": json.dumps(reasons, ensure_ascii=False)}
     return xr.Dataset(variables, attrs=said)
 
@@ -76,20 +76,19 @@ def _why_none(T: Floats, storage: Floats, y: Floats) -> str:
     return f"the largest value, near the {'warm' if 2 * top > y.size else 'cold'} end, has too few readings beyond it"
 
 
-def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, dict[str, str]]:
+def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, str]:
     """Return the glass transition over frequency, θ_g(f), by the shifts of a master curve.
 
-    By E(ω, T) = b_T E(a_T ω, T_ref), tan δ at a frequency f has its maximum over temperature where
-    a_T f is the frequency of the maximum of the master curve; E″ too, but for the change of b_T.
+    By E(ω, T) = b_T E(a_T ω, T_ref), tan δ at a frequency f has its maximum over temperature where a_T f is the
+    frequency of the maximum of the master curve.
 
     Returns
     -------
     transitions : Dataset
-        ``T_peak`` (by tan δ) and ``T_loss`` (by E″) [degC] with their uncertainties over
-        ``transition_frequency``, whole decades [Hz] from the slowest of the sweeps on at which the transition is
-        among the isotherms.
-    reasons : dict of str to str
-        Why there is none, by criterion.
+        ``T_peak`` [degC] with its uncertainty over ``transition_frequency``, whole decades [Hz] from the slowest of
+        the sweeps on at which the transition is among the isotherms.
+    reason : str
+        Why there is none.
     """
     T, shifts = (curve[name].values for name in ("temperature", "log10_aT"))
     known = np.flatnonzero(np.isfinite(shifts))[np.argsort(T[np.isfinite(shifts)], kind="stable")]
@@ -97,45 +96,35 @@ def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, dict[str, str]]:
     x, order = np.log10(curve["reduced_frequency"].values), np.argsort(curve["mode_temperature"].values)
     near_T, near_x = curve["mode_temperature"].values[order], np.log10(curve["mode_frequency"].values)
     moved = np.array([np.interp(T, near_T, row[order]) for row in curve["mode_shift"].values])
-    changes = {name: curve[f"mode_{name}"].values for name in ("storage", "loss")}
-    storage, dims = curve["master_storage"].values[::-1], "transition_frequency"
+    storage, y, dims = curve["master_storage"].values[::-1], curve["master_loss_factor"].values, "transition_frequency"
+    change = curve["mode_loss"].values - curve["mode_storage"].values
+    near = np.abs(x - x[np.argmax(y)]) <= _HALF_DECADES
+    middle = x[near].mean()
+    is_inside = min(x[np.argmax(y)] - x[0], x[-1] - x[np.argmax(y)]) >= _HALF_DECADES
+    lines = np.log(y[near]) + np.vstack([0 * x[near], [np.interp(x[near], near_x, row) for row in change]])
+    bend, slope, _ = np.polyfit(x[near] - middle, lines.T, 2)
+    if storage.max() / storage[-1] < _LEAST_DROP or not is_inside or np.any(bend >= 0.0):
+        return xr.Dataset(), _why_none(T, storage, y[::-1])
+    top = middle - 0.5 * slope / bend
     decades = np.arange(np.floor(np.log10(curve["frequency"].values.min()) + 1e-9), x[-1] - falling[-1])
+    values = np.interp(decades - top[0], -falling, T, left=np.nan, right=np.nan)
+    if not np.isfinite(values).any():
+        return xr.Dataset(), "at the frequencies of the sweeps and faster ones it lies beyond the isotherms"
+    at = [np.interp(decades - t, -f, T) for t, f in zip(top, [falling, *(falling + moved)], strict=True)]
+    u = np.where(np.isfinite(values), np.linalg.norm(np.array(at[1:]) - at[0], axis=0), np.nan)
     made: dict[str, Any] = {dims: variable(dims, 10.0**decades, "Hz", "frequency of a measurement")}
-    reasons = {}
-    for name, of, change in (
-        ("T_peak", "master_loss_factor", changes["loss"] - changes["storage"]),
-        ("T_loss", "master_loss", changes["loss"]),
-    ):
-        y = curve[of].values
-        near = np.abs(x - x[np.argmax(y)]) <= _HALF_DECADES
-        middle = x[near].mean()
-        is_inside = min(x[np.argmax(y)] - x[0], x[-1] - x[np.argmax(y)]) >= _HALF_DECADES
-        lines = np.log(y[near]) + np.vstack([0 * x[near], [np.interp(x[near], near_x, row) for row in change]])
-        bend, slope, _ = np.polyfit(x[near] - middle, lines.T, 2)
-        if storage.max() / storage[-1] < _LEAST_DROP or not is_inside or np.any(bend >= 0.0):
-            reasons[name] = _why_none(T, storage, y[::-1])
-            continue
-        top = middle - 0.5 * slope / bend
-        values = np.interp(decades - top[0], -falling, T, left=np.nan, right=np.nan)
-        if not np.isfinite(values).any():
-            reasons[name] = "at the frequencies of the sweeps and faster ones it lies beyond the isotherms"
-            continue
-        at = [np.interp(decades - t, -f, T) for t, f in zip(top, [falling, *(falling + moved)], strict=True)]
-        u = np.where(np.isfinite(values), np.linalg.norm(np.array(at[1:]) - at[0], axis=0), np.nan)
-        text = f"maximum of the {'loss factor' if name == 'T_peak' else 'loss modulus'} over frequency"
-        made[name] = variable(dims, values, "degC", f"glass transition: {text}")
-        made[f"u_{name}"] = variable(dims, u, "K", f"standard uncertainty of the glass transition: {text}")
-    return xr.Dataset(made).dropna(dims, how="all") if len(made) > 1 else xr.Dataset(), reasons
+    made |= with_u("T_peak", dims, values, u, "degC", "glass transition: maximum of the loss factor over frequency")
+    return xr.Dataset(made).dropna(dims, how="all"), ""
 
 
 def _transition(T: Floats, storage: Floats, loss: Floats) -> list[tuple[float, float]]:
-    """Return maximum of tan δ, maximum of E″ and steepest fall of ln E′, each with its u."""
+    """Return maximum of tan δ and steepest fall of ln E′, each with its u."""
     if storage[0] / storage[-1] < _LEAST_DROP or np.any(storage <= 0):
-        return [(np.nan, np.nan)] * 3
+        return [(np.nan, np.nan)] * 2
     where, u = peak(T, -_smooth_slope(T, np.log(storage)))
     # neighbouring slopes share readings, so their noise is common
     shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3), 1.0)
-    return [peak(T, loss / storage), peak(T, loss), (where, u * float(np.sqrt(shared)))]
+    return [peak(T, loss / storage), (where, u * float(np.sqrt(shared)))]
 
 
 def _smooth_slope(T: Floats, y: Floats) -> Floats:

@@ -55,11 +55,12 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "law": _law(made.law),
         "noise": made.noise,
         "notes": made.warnings,
-        "no_transition": no_transition,
     }
     names = sweeps.attrs.keys() & {"u_modulus_factor", "modulus_factor", "u_scale", "strain"}
     kept = {name: sweeps.attrs[name] for name in sorted(names)}
-    return result.assign_attrs({n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept)
+    return result.assign_attrs(
+        {n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept | {"no_transition": no_transition}
+    )
 
 
 def _law(law: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.materials import ShiftLaw, deck_text
+from labpipe.materials import ShiftLaw
 from labpipe.report import (
     Band,
     Block,
@@ -17,7 +17,6 @@ from labpipe.report import (
     KeyValues,
     LineChart,
     Listed,
-    Notice,
     Paragraph,
     Role,
     Section,
@@ -29,7 +28,6 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma.budget import quantities
-from pipelines.experiments.dma.model import deck
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.judgements import capitalised, with_minus
@@ -52,7 +50,7 @@ _VERTICAL = {
     "quadratic": "quadratic in temperature",
 }
 _LAWS = {"wlf": "WLF", "arrhenius": "Arrhenius"}
-_CRITERIA = {"T_peak": "maximum of tan δ", "T_loss": "maximum of E″", "T_drop": "steepest fall of E′"}
+_CRITERIA = {"T_peak": "maximum of tan δ", "T_drop": "steepest fall of E′"}
 
 
 def _summary(
@@ -68,7 +66,7 @@ def _summary(
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
     if (curve := master_curve) is not None:
         frequency, superposition = curve["reduced_frequency"].values, json.loads(curve.attrs["superposition"])
-        verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
+        kk = json.loads(curve.attrs["kramers_kronig"])
         remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
         rows += [
@@ -84,7 +82,7 @@ def _summary(
             _law_row(json.loads(curve.attrs["law"])),
             ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
             ("superposition", _SUPERPOSITION[superposition["level"]], remark),
-            ("Kramers–Kronig", _CONSISTENT[verdict], "consistency of storage and loss modulus"),
+            ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
         # The first reason stands in the verdict above.
         said = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
@@ -92,7 +90,7 @@ def _summary(
             title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
             notes.append(Details(title, [Paragraph(f"{capitalised(note)}.") for note in said]))
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
-    rows += [] if master_curve is None else _by_shifts(master_curve)
+    rows += [] if master_curve is None else [_by_shifts(master_curve)]
     return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
 
 
@@ -119,26 +117,23 @@ def _celsius(T: Floats) -> str:
 
 def _in_ramps(ramps: xr.Dataset) -> Iterator[tuple[str, str, str]]:
     """Yield the glass transition by each criterion in the sweeps of temperature, or why there is none."""
-    for i, reasons in enumerate(json.loads(ramps.attrs["reasons"])):
+    for i, reason in enumerate(json.loads(ramps.attrs["reasons"])):
         for name, text in _CRITERIA.items():
             at, title = f"at {float(ramps['frequency'][i]):.3g} Hz", f"glass transition, {text}"
             if np.isfinite(float(ramps[name][i])):
                 yield title, pages.told(ramps, name, i), at
-            elif name in reasons:
-                yield title, "none", f"{at}: {reasons[name]}"
+            elif name == "T_peak":
+                yield title, "none", f"{at}: {reason}"
 
 
-def _by_shifts(curve: xr.Dataset) -> Iterator[tuple[str, str, str]]:
-    """Yield the glass transition by each criterion at the decade nearest to the middle of the swept ones."""
-    for name in ("T_peak", "T_loss"):
-        title = f"glass transition, {_CRITERIA[name]}"
-        known = np.flatnonzero(np.isfinite(curve[name].values)) if name in curve else np.empty(0, int)
-        if known.size:
-            f, swept = curve["transition_frequency"].values, np.log(curve["frequency"].values).mean()
-            near = int(known[np.argmin(np.abs(np.log(f[known]) - swept))])
-            yield title, pages.told(curve, name, near), f"at {f[near]:.3g} Hz, by the shifts"
-        elif reason := json.loads(curve.attrs["no_transition"]).get(name):
-            yield title, "none", f"in the master curve: {reason}"
+def _by_shifts(curve: xr.Dataset) -> tuple[str, str, str]:
+    """Return the glass transition at the decade nearest to the middle of the swept ones, or why there is none."""
+    title = f"glass transition, {_CRITERIA['T_peak']}"
+    if "T_peak" not in curve:
+        return title, "none", f"in the master curve: {curve.attrs['no_transition']}"
+    f, swept = curve["transition_frequency"].values, np.log(curve["frequency"].values).mean()
+    near = int(np.argmin(np.abs(np.log(f) - swept)))
+    return title, pages.told(curve, "T_peak", near), f"at {f[near]:.3g} Hz, by the shifts"
 
 
 def _isotherms(table: xr.Dataset, name: str, x_name: str = "") -> list[Series]:
@@ -178,35 +173,24 @@ def _shifts(master_curve: xr.Dataset) -> Section:
     blocks: list[Block] = [
         LineChart("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, height_px=240, caption=caption)
     ]
-    if "transition_frequency" in master_curve.dims:
-        f = master_curve["transition_frequency"].values
-        criteria: tuple[tuple[str, Role], ...] = (("T_peak", "measured"), ("T_loss", "model"))
+    if "T_peak" in master_curve:
+        f, T_g = master_curve["transition_frequency"].values, master_curve["T_peak"].values
         drawn = [
-            Series(_CRITERIA[n], f, master_curve[n].values, style="points", role=role, u=master_curve[f"u_{n}"].values)
-            for n, role in criteria
-            if n in master_curve
+            Series(_CRITERIA["T_peak"], f, T_g, style="points", role="measured", u=master_curve["u_T_peak"].values)
         ]
         words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
         shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)
         blocks.append(LineChart(*shape, x_scale="log", height_px=220, caption=words))
-    steps = [np.flatnonzero(np.isclose(rising["colder"].values, t)) for t in T]
-    overlap, determined = rising["overlap"].values, rising["determined"].values
     columns = [
         Listed("temperature / °C", T.tolist(), digits=3),
         pages.column(rising, "log10_aT", "log₁₀ a_T"),
         pages.column(rising, "b_T", "b_T"),
-        Listed("overlap with the next / decades", [float(overlap[p[0]]) if p.size else None for p in steps], digits=3),
-        Listed("step", ["loose" if p.size and not determined[p[0]] else "" for p in steps]),
     ]
-    caption = (
-        "A step is “loose” when the data alone do not determine it; there the shift relies on the prior, the usual "
-        "behaviour of polymers."
-    )
     fits = [(f"law of {_LAWS[name]}", *_law(law)) for name, law in laws.items()]
     if float(master_curve["delay"]):
         fits.append(("delay of the instrument's phase", pages.told(master_curve, "delay"), "removed"))
     title = f"Laws, and the shift factors of {T.size} temperatures"
-    return Section("Shift factors", (*blocks, Details(title, (KeyValues(fits), listed(columns, caption)))))
+    return Section("Shift factors", (*blocks, Details(title, (KeyValues(fits), listed(columns)))))
 
 
 def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
@@ -261,42 +245,27 @@ def _missed(curve: xr.Dataset) -> list[float]:
     return [100 * float(np.sqrt(np.nanmean(one**2))) for one in residuals]
 
 
-def _readings(
-    settings: Dma,
-    master_curve: xr.Dataset | None = None,
-    readings: Sequence[xr.Dataset | None] = (),
-    sweeps: xr.Dataset | None = None,
-) -> Section | None:
-    """Show how well the curve fits the readings, and the readings as measured."""
+def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset | None] = ()) -> Section:
+    """Show the readings as measured, and their conversion."""
     blocks: list[Block] = []
-    if master_curve is not None:
-        kk = json.loads(master_curve.attrs["kramers_kronig"])
-        said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
-        level: Literal["error", "warning"] = "error" if kk["verdict"] == "fail" else "warning"
-        blocks.append(Paragraph(said) if kk["verdict"] == "pass" else Notice(level, said))
-        missed = "The spectrum misses the storage modulus by {:.2g} %, the loss by {:.2g} % (rms)."
-        blocks.append(Paragraph(missed.format(*_missed(master_curve))))
-    if sweeps is not None:
-        factor, u_factor, scale, u_scale = (
-            float(sweeps.attrs[name]) for name in ("modulus_factor", "u_modulus_factor", "scale", "u_scale")
-        )
-        if factor != 1.0:
-            text = (
-                f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
-                f"{value_with_uncertainty(factor, u_factor)} with ν = {pages.stated(settings.nu)}, the same for all."
-            )
-            blocks.append(Paragraph(text))
-        if settings.specimen is not None:
-            text = "the form factor of the stated specimen over the one that the file's moduli were computed with"
-            shown = value_with_uncertainty(scale, u_scale * scale)
-            blocks.append(Paragraph(f"All moduli were multiplied by {shown}: {text}."))
-        measured = [
-            pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
-            for name, title in _MODULI.items()
-        ]
-        blocks.append(Details("Moduli in tension over frequency, as measured", measured))
-        blocks += pages.raw_headers(pages.present(readings))
-    return pages.folded("Readings and fit", "Readings, their conversion and the fit", blocks) if blocks else None
+    factor, u_factor, scale, u_scale = (
+        float(sweeps.attrs[name]) for name in ("modulus_factor", "u_modulus_factor", "scale", "u_scale")
+    )
+    if factor != 1.0:
+        text = f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
+        text += f"{value_with_uncertainty(factor, u_factor)} with ν = {pages.stated(settings.nu)}, the same for all."
+        blocks.append(Paragraph(text))
+    if settings.specimen is not None:
+        text = "the form factor of the stated specimen over the one that the file's moduli were computed with"
+        shown = value_with_uncertainty(scale, u_scale * scale)
+        blocks.append(Paragraph(f"All moduli were multiplied by {shown}: {text}."))
+    measured = [
+        pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
+        for name, title in _MODULI.items()
+    ]
+    blocks.append(Details("Moduli in tension over frequency, as measured", measured))
+    blocks += pages.raw_headers(pages.present(readings))
+    return pages.folded("Readings", "Readings and their conversion", blocks)
 
 
 def _transition(temperature_sweep: xr.Dataset) -> Section:
@@ -317,26 +286,20 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
     return Section("Temperature sweep", (Details("Moduli and loss factor over temperature", charts),))
 
 
-def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section:
-    """Show the spectrum, and the input of a simulation code."""
-    name, made = context.experiment, deck(master_curve, settings=settings, name=context.experiment)
+def _terms(context: Context, master_curve: xr.Dataset) -> Section:
+    """Show the spectrum, and how to export it."""
     outside = master_curve["extrapolated"].values.astype(bool)
     text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {made.T_ref:.4g} °C, in tension; other experiments of this session "
-        f"use the full series. `labpipe export SESSION --experiment {name} --format abaqus` (or ansys, comsol, lsdyna, "
-        f"json; --bulk says what the bulk modulus does) writes {made.tension.E.size} terms, within "
-        f"{made.error * 100:.2g} % of the worse modulus inside the window (rms)."
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {float(master_curve['T_ref']):.4g} °C, in tension. "
+        f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
+        "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
     )
     rho, E = master_curve["rho"].values, master_curve["E"].values * _MPA
     series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
     chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
-    warnings = [Notice("warning", f"{capitalised(warning)}.") for warning in made.warnings]
-    warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
-    card = Details(f"For Abaqus, {made.tension.E.size} terms", text=deck_text(made, "abaqus"))
-    folded = Details(f"Spectrum, input of a simulation code{warned}", (chart, *warnings, card))
-    return Section("Spectrum and terms", (Paragraph(text), folded))
+    return Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
 
 
 def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:

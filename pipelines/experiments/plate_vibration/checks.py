@@ -7,7 +7,7 @@ much momentum came: a height or a material that is stated wrongly moves that of 
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from math import hypot, inf, log, nan, sqrt
+from math import hypot, inf, log, nan
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,6 @@ TITLES = {
         "All recordings show the free ringing of one plate: one frequency and one damping.",
         ("repeats: frequency of the plate", "repeats: damping of the plate", "modal mass of the plate"),
     ),
-    "direction of the blow": Title("A falling body pushes the plate down.", ("direction of the blow",)),
     "momentum of the blow": Title(
         "Momentum over amplitude and frequency gives one modal mass for all drops.", (_MOMENTUM_OF,)
     ),
@@ -87,7 +86,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     of_body = not_made("mass of the falling body", "a sphere with its mass")
     statements.append(of_body if body is None else fall_checks.body_stated(body.radius.value, body.mass.value))
     checks += statements
-    checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
     rings = [Fall(name, ring, 0.0) for name, ring in found.items()]
     checks += fall_checks.repeats_agree(rings, _OF_ONE_PLATE, _ANOTHER_PLATE)
     for drops in settings.drops:
@@ -111,23 +109,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
             for c in checks
         ]
     return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
-
-
-def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
-    """Hold the first motion against the direction of a blow from above."""
-    title = "direction of the blow"
-    onset, period = float(ring["onset_time"]), 1.0 / float(ring["natural_frequency"])
-    time, x = moved["time"].values, moved["displacement"].values
-    # the onset is late by no more than a block, and the first swing lasts half a period
-    inside = (time >= onset) & (time <= onset + 0.25 * period) & np.isfinite(x)
-    quiet = x[(time < onset - 1e-3) & np.isfinite(x)]
-    if inside.sum() < 4 or quiet.size < 4:
-        return not_made(title, "readings before and after the blow")
-    swing = float(x[inside].mean() - quiet.mean())
-    u = float(moved.attrs["noise"]) * sqrt(1 / inside.sum() + 1 / quiet.size)
-    text = f"{name}: the plate moves by {quantity(swing, 'm')} first"
-    cause = "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign"
-    return bounded(title, text, swing, u, at_most=0.0, setting="sensor.direction", cause=cause)
 
 
 def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Check:

@@ -46,7 +46,6 @@ def comparison(
         {
             "measured": (("series", "time"), measured, described("m", "displacement, mean of the repeats")),
             "model": (("series", "time"), theirs, described("m", "simulated displacement")),
-            "u_model": model["u_displacement"].variable,
             "nrmse": ("series", errors, described("1", "root-mean-square error over the range of the fit")),
             "bias": ("series", bias, described("m", "mean of measured minus model")),
         },

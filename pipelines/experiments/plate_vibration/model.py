@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,6 @@ _FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
 _ROUNDS = 3  # the plate's yielding changes the blow by M/m: the rounds converge like its powers
 _BEFORE, _AFTER = 3e-3, 60e-3  # s around the blow in which measurement and model are compared
 _STEP = 5e-5  # s, of the compared curves
-_COARSE = 1e-3  # tolerance of the simulations by which the curves' sensitivities are found
 
 
 class Solid(NamedTuple):
@@ -215,8 +214,7 @@ def model(
 ) -> xr.Dataset:
     """Simulate every drop on the plate that was found, as the laser should have seen it.
 
-    The uncertainty is that of the solids, the plate's mass following them. ``full`` takes the
-    simulator's shortcuts away; the numbers stay the same within ``rtol``.
+    ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
     """
     mass = float(plate["mass"])
     if not np.isfinite(mass) or settings.sphere is None:
@@ -226,18 +224,9 @@ def model(
         )
     found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
     time = np.arange(-_BEFORE, _AFTER, _STEP)
-    best, u = np.full((2, table.sizes["series"], time.size), np.nan)
-    masses = dict(zip(of_solids(plate), plate["solid_mass"].values, strict=True)) if of_solids(plate) else {}
+    moved = np.full((table.sizes["series"], time.size), np.nan)
     for i, solid in _known(settings, fitted).items():
-        height, coarse = settings.drops[i].height.value, max(settings.model.rtol, _COARSE)
-        drop = _Drop(settings, solid.best, height)
-        best[i] = drop.seen(found, time, settings.model.rtol, full=full)
-        reference = drop.seen(found, time, coarse, full=full)
-        u[i] = 0.0
-        for name, (given, change, other) in solid.uncertain.items():
-            moved = replace(found, mass=mass + float(masses[name]) * change)
-            off = _Drop(settings, other, height).seen(moved, time, coarse, full=full) - reference
-            u[i] = np.hypot(u[i], off / change * given.u)
+        drop = _Drop(settings, solid.best, settings.drops[i].height.value)
+        moved[i] = drop.seen(found, time, settings.model.rtol, full=full)
     made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
-    text = "simulated displacement of the plate"
-    return made.assign(with_u("displacement", ("series", "time"), best, u, "m", text, "by the solids"))
+    return made.assign(displacement=variable(("series", "time"), moved, "m", "simulated displacement of the plate"))

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from itertools import groupby
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, LineChart, Listed, Paragraph, Section, Series, listed
+from labpipe.report import Band, Block, LineChart, Listed, Role, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
@@ -51,26 +52,17 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
     for height, group in groupby(numbered, key=lambda pair: pair[1].height.value):
         curves: list[Band | Series] = []
         for i, drops in group:
-            at = comparison.isel(series=i)
-            curves.append(Series(drops.material, time, at["measured"].values * _UM, role="measured"))
-            if np.isfinite(at["model"].values).any():
-                if drops.material_from is not None:
-                    centre, wide = at["model"].values * _UM, 2.0 * at["u_model"].values * _UM
-                    label = f"{drops.material}, model ± 2 u of its DMA"
-                    curves.append(Band(label, time, centre - wide, centre + wide, role="model"))
-                curves.append(Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model"))
-        labels = (
-            f"Plate after a drop from {height * 1e3:g} mm",
-            "time since impact / ms",
-            "displacement, upwards / µm",
-        )
-        first = (("first ringing", -2.0, 20.0),)
-        charts.append(LineChart(*labels, tuple(curves), group="plate", views=first, height_px=260))
-    text = (
-        "The charts show the mean of the repeats and the simulated drop on the fitted plate, the first of them under "
-        "the verdict. Times are counted from the instantaneous impulse that would start the same vibration."
-    )
-    return Section("Motion", (Paragraph(text), *charts))
+            for of, name in (("measured", drops.material), ("model", f"{drops.material}, model")):
+                y = comparison[of].values[i] * _UM
+                if np.isfinite(y).any():
+                    curves.append(Series(name, time, y, role=cast("Role", of)))
+        # of one height this chart stands under the verdict, and nothing is left of the section
+        text = "Mean of the repeats, and the simulated drop on the fitted plate. Times are counted from the "
+        text += "instantaneous impulse that would start the same vibration."
+        shape: dict[str, Any] = {"views": (("first ringing", -2.0, 20.0),), "height_px": 260, "caption": text}
+        title, label = f"Plate after a drop from {height * 1e3:g} mm", "displacement, upwards / µm"
+        charts.append(LineChart(title, "time since impact / ms", label, tuple(curves), group="plate", **shape))
+    return Section("Motion", tuple(charts))
 
 
 def _table(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset) -> Section:

@@ -21,6 +21,7 @@ from pipelines.experiments.shared.exact_values import usual_uncertainty
 
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
+_MOVED = "the body was touched or lifted, or another drop follows in the record"
 BY_NAME, MEASURED = 0.25, 0.1
 """Standard uncertainty of the logarithm of a contact's duration, for a solid that is known by its name and for one
 whose modulus was measured: t goes with E*^-0.4, so that factors of two and of 1.3 in its modulus are one of them."""
@@ -91,31 +92,6 @@ def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> C
     return stated(name, text, "impossible", cause=cause, file=file, setting=setting)
 
 
-def flight_durations(fall: Fall, gravity: Quantity) -> Check:
-    """Compare the duration of every flight with 2 v/g."""
-    name = "durations of the flights"
-    names = ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
-    (touch, leave, out, into), (u_touch, u_leave, u_out, u_into) = (
-        [fall.values(f"{u}{of}") for of in names] for u in ("", "u_")
-    )
-    if touch.size < 3:
-        return not_made(name, "three bounces")
-    own = float(fall.values("fall_acceleration"))
-    lasts, said = touch[1:] - leave[:-1], (out[:-1] + into[1:]) / (own if own > 0 else gravity.value)
-    u = np.hypot(np.hypot(u_touch[1:], u_leave[:-1]), np.hypot(u_out[:-1], u_into[1:]) / abs(own))
-    margin = np.divide(np.abs(lasts - said), u, out=np.zeros_like(u), where=np.isfinite(lasts - said) & (u > 0))
-    worst = int(np.argmax(margin))
-    seen, expected = float(lasts[worst]), float(said[worst])
-    text = f"{fall.name}: the flight from {quantity(float(leave[worst]), 's')} lasts {quantity(seen, 's')}, "
-    text += f"its speeds give {quantity(expected, 's')}"
-    missing = quantity(abs(expected - seen), "s", 2)
-    cause = f"{missing} of this flight are missing, as where rows or frames are lost and those after them counted on"
-    if seen > expected:
-        cause = f"this flight holds {missing} too much, as where rows or frames are doubled, or the body was held in it"
-    place: dict[str, Any] = {"allowance": 0.01 * seen, "factor": False, "file": fall.name, "cause": cause}
-    return compared(name, text, seen, float(u[worst]), expected, 0.0, **place)
-
-
 def restitution(fall: Fall) -> Check:
     """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
     name, values, u = "coefficients of restitution", fall.values("restitution"), fall.values("u_restitution")
@@ -129,14 +105,8 @@ def restitution(fall: Fall) -> Check:
     worst = int(np.argmax(beyond))
     text = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
     found = bounded(name, text, float(held[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
-    if beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5:
-        return replace(found, cause=BACKWARDS)
-    if worst == 0 or (beyond[:worst] > DOUBTFUL).any():
-        return found
-    cause = (
-        f"until impact {worst} the body bounces, then something else moves it: it was touched or lifted, or another "
-    )
-    return replace(found, cause=f"{cause}drop follows in the record")
+    is_backwards = beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5
+    return replace(found, cause=BACKWARDS if is_backwards else _MOVED)
 
 
 def backwards(checks: Sequence[Check]) -> list[Check]:

@@ -1,12 +1,11 @@
 """Checks of a film: whole, in order, steadily lit and exposed, with the rate and exposure that a session states."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,26 +17,20 @@ from labpipe.judging import SLIPS, Cause, Check, Level, in_words, not_made, stat
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.shared.exclusions import excluded
 
 CAUSES = {
     EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
 }
 """Fault of a film, by the reason of the error that it ends in."""
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
-_MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _LONGER = 1.5  # of the usual interval between frames, from which some are missing, and of neighbouring ones
 _AROUND = 8  # frames read on either side of a contact
 _EVERY = 4  # rows and columns of which one is read for the light
-_SPREAD = 48  # frames spread over a film whose light is measured, in addition to those that matter
-_BRIGHT = 99.0  # percentile that a dark contact does not reach before it fills the view
+_SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
-DARK = 0.5
-"""Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
 LIGHT, _SAID = "light", "said_by_file"
 _ROUNDED = 0.01  # relative difference of a rate or exposure as a person writes it and as a camera sets it
 _BURST = 5.0  # percentile of the intervals that is the one within bursts
-_NEAR = 3.0  # factor of the rate, below which another explanation may be meant
 _IN_NOISE, _LEFT = 10.0, 0.3
 """Multiple of the usual bend from which a frame is an outlier, and share of the bends that may be left
 about two frames which were exchanged back."""
@@ -52,18 +45,6 @@ def whole_film(context: Context, film: str) -> Check:
     level: Level | None = "note" if text else None
     message = f"{film}: {text or 'no frame is missing in the file'}"
     return stated("whole film", message, level, cause=_NOT_WHOLE, file=film)
-
-
-def sound_frames(is_sound: Flags, whole: Check, settings: Any) -> Check:
-    """Count damaged frames of a film, without those that are excluded; ``whole`` describes a few of them better."""
-    bad = np.flatnonzero(~(is_sound | excluded(settings, "frames", is_sound.size)))
-    share = bad.size / max(is_sound.size, 1)
-    if whole.level and share < _MANY:
-        return whole
-    text = f"{settings.film}: {bad.size} damaged {'frame' if bad.size == 1 else 'frames'}"
-    text += f", the first is frame {bad[0]}" if bad.size else ""
-    level: Level | None = "impossible" if share > _MOST else "doubtful" if share >= _MANY else "note"
-    return stated("sound frames", text, level if bad.size else None, cause=_NOT_WHOLE, file=settings.film)
 
 
 def explained(failed: Check, whole: Check) -> Check:
@@ -179,24 +160,12 @@ def _bends(y: Floats, at: Integers) -> Floats:
     return np.abs(y[at] - (4.0 * (before + after) - before2 - after2) / 6.0)
 
 
-def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
-    """Measure the brightness of frames and the share of their pixels that are white, as JSON.
-
-    Frames all over the film are added to those that are ``wanted``. Returned are ``brightness`` by frame over that of
-    the film, ``clipped``, the share of pixels at the grey level ``level`` of white, and ``view``, rows and columns.
-    """
+def light_of(film: FrameSource) -> str:
+    """Measure the share of white pixels in frames all over a film; JSON, with the grey level of white."""
+    white = film.levels[1]
     spread = np.linspace(0, len(film) - 1, min(_SPREAD, len(film))).round().astype(int)
-    black, white = film.levels
-    bright: dict[int, float] = {}
-    clipped: list[float] = []
-    for i in (i for i in sorted({*map(int, wanted), *map(int, spread)}) if film.valid[i]):
-        image = np.asarray(film[i])[::_EVERY, ::_EVERY]
-        bright[i] = float(np.percentile(image, _BRIGHT)) - black
-        clipped.append(float(np.mean(image >= white)))
-    usual = float(np.median(list(bright.values()))) if bright else 0.0
-    brightness = {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}
-    share = float(np.mean(clipped)) if clipped else 0.0
-    return json.dumps({"brightness": brightness, "clipped": share, "level": white, "view": list(film.shape[1:])})
+    clipped = [np.mean(np.asarray(film[int(i)])[::_EVERY, ::_EVERY] >= white) for i in spread if film.valid[i]]
+    return json.dumps({"clipped": float(np.mean(clipped)) if clipped else 0.0, "level": white})
 
 
 def exposed(found: xr.Dataset, film: str) -> Check:
@@ -212,38 +181,17 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     return stated("exposure", text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
 
 
-def lit(film: str, brightness: dict[int, float], counts: Flags, time: Floats) -> Check:
-    """Look for frames without light.
-
-    Brightness is by frame, over that of the film or of the frames around it; ``counts`` (frame,) are those that are
-    measured: a dark frame next to one changes the result.
-    """
-    name = "light of the frames"
-    if not brightness:
-        return not_made(name, "the frames")
-    dark = np.array(sorted(i for i, b in brightness.items() if b < DARK), int)
-    if not dark.size:
-        return stated(name, f"{film}: no frame is dark", None, file=film)
-    runs = np.split(dark, np.flatnonzero(np.diff(dark) > 1) + 1)
-    lost = [run for run in runs if counts[max(run[0] - 1, 0) : run[-1] + 2].any()]
-    first = int((lost or runs)[0][0])
-    text = f"{film}: {dark.size} of {len(brightness)} sampled frames are dark; frame {first}, at "
-    text += f"{quantity(float(time[first]), 's')}, has {100 * max(brightness[first], 0.0):.0f} % of the usual light"
-    cause = "the light failed, flickers or is pulsed, or the shutter dropped: dark frames show nothing"
-    return stated(name, text, "doubtful" if lost else "note", cause=cause, file=film)
-
-
 def said_by_file(film: FrameSource) -> str:
     """Return rate and exposure in a film's own file, as JSON.
 
-    There are ``intervals`` between the frames, the usual one and that within bursts [s], empty where
-    the times come from a stated rate; ``exposure`` [s], None where the file does not say it.
+    ``interval`` [s] is that between frames, within bursts, None where the times come from a stated rate;
+    ``exposure`` [s], None where the file does not say it.
     """
     steps = np.diff(film.time) if getattr(film, "header", None) is not None else np.empty(0)
     steps = steps[np.isfinite(steps) & (steps > 0.0)]
-    intervals = [float(np.median(steps)), float(np.percentile(steps, _BURST))] if steps.size else []
     known = np.empty(0) if film.exposure is None else film.exposure[np.isfinite(film.exposure)]
-    return json.dumps({"intervals": intervals, "exposure": float(np.median(known)) if known.size else None})
+    interval = float(np.percentile(steps, _BURST)) if steps.size else None
+    return json.dumps({"interval": interval, "exposure": float(np.median(known)) if known.size else None})
 
 
 def stated_twice(
@@ -251,32 +199,26 @@ def stated_twice(
 ) -> Iterator[Check]:
     """Compare rate and exposure of session.toml with those of the film's file, where both state them."""
     said = json.loads(found.attrs.get(_SAID, "{}"))
-    if frame_rate is not None and said.get("intervals"):
-        rates = [1.0 / interval for interval in said["intervals"]]
-        text = f"{film}: by its own times, which are used, it has {quantity(rates[0], 'Hz')}; "
+    if frame_rate is not None and said.get("interval"):
+        rate = 1.0 / said["interval"]
+        text = f"{film}: by its own times, which are used, it has {quantity(rate, 'Hz')}; "
         text += f"session.toml says frame_rate = {quantity(frame_rate.value, 'Hz')}"
-        is_other = all(_differ(rate, frame_rate) for rate in rates)
-        cause = "frame_rate has no effect on a film that holds its times: delete it"
-        cause += "; it is that of playback or of another film, or the times in the film are wrong" * is_other
-        yield stated("frame rate stated", text, "doubtful" if is_other else "note", cause=cause, setting="frame_rate")
-    if exposure is None or not (said.get("exposure") or "time" in found):
+        cause = "frame_rate has no effect on a film that holds its times: delete it; or these times are wrong"
+        level: Level = "doubtful" if _differ(rate, frame_rate) else "note"
+        yield stated("frame rate stated", text, level, cause=cause, setting="frame_rate")
+    own = said.get("exposure")
+    if exposure is None or not (own or "time" in found):
         return
-    own, given = said.get("exposure"), quantity(exposure.value, "s")
-    level: Level | None = None
-    cause = "exposure is not that of this film, or its unit is wrong"
-    if own:  # of the shutter: a flash is shorter, nothing is longer
-        text = f"{film}: the shutter was open for {quantity(own, 's')}; session.toml says exposure = {given}, which is "
-        text += "used"
-        if _differ(own, exposure):
-            level = "doubtful" if exposure.value > own else "note"
-        if level == "note":
-            cause = "right if a flash lit the frames, otherwise delete exposure: the film holds its own"
-    else:
-        interval = float(np.percentile(np.diff(found["time"].values), _BURST)) if found["time"].size > 1 else np.inf
-        text = f"{film}: a frame each {quantity(interval, 's')}; session.toml says exposure = {given}"
-        level = "impossible" if exposure.value - 4.0 * exposure.u > (1.0 + _ROUNDED) * interval else None
-        cause += "; or the frame rate is"
-    yield stated("exposure stated", text, level, cause=cause, setting="exposure")
+    # a shutter that was open for longer is right where a flash lit the frames; nothing is longer than an interval
+    interval = float(np.percentile(np.diff(found["time"].values), _BURST)) if "time" in found else np.inf
+    limit, name = (own, "the shutter was open for") if own else (interval, "a frame each")
+    is_longer = _differ(limit, exposure) and exposure.value > limit
+    text = f"{film}: {name} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, "
+    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
+    level = "doubtful" if own else "impossible"
+    yield stated(
+        "exposure stated", f"{text}which is used", level if is_longer else None, cause=cause, setting="exposure"
+    )
 
 
 def _differ(value: float, given: Quantity) -> bool:
@@ -284,21 +226,15 @@ def _differ(value: float, given: Quantity) -> bool:
 
 
 def wrong_rate(
-    effects: Mapping[str, float],
-    frame_rate: Quantity | None,
-    found: xr.Dataset | None,
-    film: str,
-    u: float = inf,
-    otherwise: str = "",
+    effects: Mapping[str, float], frame_rate: Quantity | None, found: xr.Dataset | None, film: str, u: float = inf
 ) -> Cause:
-    """Return the mistake that the times of a film are wrong, or ``otherwise`` where the factor is below three."""
-    own = found is not None and json.loads(found.attrs.get(_SAID, "{}")).get("intervals")
+    """Return the mistake that the times of a film are wrong."""
+    own = found is not None and json.loads(found.attrs.get(_SAID, "{}")).get("interval")
     is_stated = frame_rate is not None and not own  # a film with times of its own ignores a stated rate
 
     def say(k: float) -> str:
         too = f"{in_words(k)} times too short" if k > 1.0 else f"{in_words(1 / k)} times too long"
-        other = otherwise * (1 / _NEAR < k < _NEAR)
-        return f"the frame rate is {in_words(k)} times the true one{other}: times come out {too}"
+        return f"the frame rate is {in_words(k)} times the true one: times come out {too}"
 
     setting = "frame_rate" if is_stated else ""
     return Cause(effects, say, SLIPS["interval"], u=u, file="" if is_stated else film, setting=setting)

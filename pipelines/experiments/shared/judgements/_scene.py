@@ -28,14 +28,11 @@ Titles = Mapping[str, Title]
 OF_FILM: Titles = {
     "frames": Title(
         "A film holds every frame once, whole, unaltered and in order.",
-        (
-            "times of the frames", "whole film", "frames differ", "order of the frames",
-            "sound frames", "frame rate stated",
-        ),
+        ("times of the frames", "whole film", "frames differ", "order of the frames", "frame rate stated"),
     ),
     "light and exposure": Title(
-        "The light is steady, and no frame is over- or under-exposed.",
-        ("light of the frames", "exposure"),
+        "No frame is over-exposed, and the exposure is the stated one.",
+        ("exposure",),
     ),
 }  # fmt: skip
 """Checks of the frames of a film."""

@@ -45,21 +45,3 @@ def test_each_repeat_shows_on_hover_behind_a_band_of_all_and_an_outlier_is_named
     spread = 2 * repeats(3)["displacement_sd"].values * 1e3
     assert np.allclose(band.curves[1] - mean.y, spread)
     assert "point at the chart" in chart.caption
-
-
-def test_the_difference_stands_on_the_scatter_of_the_repeats_and_on_the_model_s_uncertainty() -> None:
-    made = repeats(3)
-    part = made["time"].values[20:60]
-    comparison = xr.Dataset({"residual": ("time", np.full(40, 2e-6))}, coords={"time": part})
-    time = np.linspace(0.0, 0.2, 401)
-    curves = dict.fromkeys(("displacement", "velocity", "force", "contact_radius"), ("time", 0.0 * time))
-    known = {"u_displacement": ("time", 1e-6 * (time < 0.05)), "u_impact_time": ("impact", [0.0, np.nan])}
-    model = xr.Dataset({**curves, **known, "impact_time": ("impact", [0.01, 0.05])}, coords={"time": time})
-    position, chart = motion(made, model, comparison).blocks[:2]
-    assert "until impact 1." in position.caption
-    of_model, band, difference = chart.series
-    assert np.allclose(of_model.curves[1], 2.0 * (part < 0.0399), atol=0.1)
-    assert np.array_equal(of_model.curves[0], -of_model.curves[1])
-    assert np.allclose(difference.y, 2.0)  # µm
-    assert np.allclose(band.curves[1], 2e6 * made["displacement_sd"].values[20:60])
-    assert np.array_equal(band.curves[0], -band.curves[1])

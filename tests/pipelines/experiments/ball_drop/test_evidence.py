@@ -26,7 +26,3 @@ def test_scatter_is_that_of_the_touches_from_three_repeats_on(count: int) -> Non
     left = 1e-5 * np.sqrt(1.0 - TOUCHES**2 / np.sum(TOUCHES**2))
     three_deviations = 3.0 / np.sqrt(2.0 * draws * (count - 1))
     assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx(left, rel=three_deviations, abs=0.0)
-
-
-def test_two_repeats_cannot_tell_scatter_from_height() -> None:
-    assert _scatter(TOUCHES * np.array([[1.0], [1.2]]) + [[0.0, 1e-4, 0.0], [0.0, 0.0, 0.0]]).max() == 0.0

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from labpipe import contact, files, materials
+from labpipe import files, materials
 from labpipe.units import Quantity
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -46,30 +46,6 @@ def test_the_shifted_material_agrees_and_the_cold_one_does_not(session: Path) ->
     assert z["heated"] < 3 < z["cold"]
     assert float(found["heated"]["nrmse"]) < 0.01
     assert float(found["cold"]["nrmse"]) > 3 * float(found["heated"]["nrmse"])
-
-
-def test_the_temperature_stands_in_the_budget_of_the_model(session: Path) -> None:
-    heated, cold = (result(session, name, "model") for name in ("heated", "cold"))
-    rows = {row["source"]: row for row in json.loads(heated.attrs["budget"])}
-    assert "temperature" not in {row["source"] for row in json.loads(cold.attrs["budget"])}
-
-    def returned(temperature: float) -> float:
-        made = contact.drop(
-            materials.load("acrylic", temperature=temperature),
-            9.525e-3,
-            0.505,
-            HEIGHT,
-            0.034,
-            rtol=1e-5,
-            plate=contact.Plate(30.0, 180.0, 0.03),
-        )
-        return float(made["restitution"][0])
-
-    slope = (returned(HEATED + 2.0) - returned(HEATED)) / 2.0
-    assert rows["temperature"]["sensitivity"] == pytest.approx(slope, rel=0.15)
-    parts = np.array([row["contribution"] for row in rows.values()])
-    whole = float(heated["u_restitution"][0])
-    assert np.sqrt(np.sum(parts**2)) == pytest.approx(whole, rel=1e-9)
 
 
 def test_a_surface_warmer_than_the_room_widens_the_prediction(session: Path) -> None:

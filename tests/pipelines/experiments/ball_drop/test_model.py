@@ -1,14 +1,12 @@
 """The floor in the comparison of a drop: stated, the model agrees; left out, it does not."""
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 import xarray as xr
 
-from labpipe import contact
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop.comparison import comparison
 from pipelines.experiments.ball_drop.measured import repeats
@@ -73,29 +71,6 @@ def test_with_the_floor_stated_restitution_agrees_within_uncertainty(measured: M
     assert float(made["u_restitution"][0]) > 1.5 * float(rigid["u_restitution"][0])
     assert float(made["u_restitution"][0]) < 1e-4
     assert float(made["rigid_restitution"]) == pytest.approx(float(rigid["restitution"][0]))
-
-
-def test_of_later_impacts_the_uncertainty_is_unknown_and_they_are_not_compared(
-    measured: Measured, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole, _ = compared(measured, STATED)
-    asked: list[int] = []
-    train = contact.impacts
-
-    def impacts(*arguments: Any, **options: Any) -> xr.Dataset:
-        asked.append(arguments[5])
-        return train(*arguments, **options)
-
-    monkeypatch.setattr(contact, "impacts", impacts)
-    for module in ("model", "comparison"):
-        monkeypatch.setattr(f"pipelines.experiments.ball_drop.{module}.FOLLOWED", 2)
-    made, found = compared(measured, STATED)
-    assert set(asked) == {2}
-    assert made.sizes["impact"] == whole.sizes["impact"] > 2 == found.sizes["impact"]
-    for name in ("restitution", "impact_time", "peak_force"):
-        u = made[f"u_{name}"].values
-        np.testing.assert_allclose(u[:2], whole[f"u_{name}"].values[:2], rtol=1e-9)  # 2e-13 was measured
-        assert np.isnan(u[2:]).all()
 
 
 @pytest.mark.parametrize("name", ["height", "mass", "radius"])

@@ -75,11 +75,6 @@ def test_the_largest_radius_agrees_with_the_model(session: Path) -> None:
     assert float(found["nrmse"][0]) < 0.03
 
 
-def test_the_radius_at_rest_is_the_true_one(session: Path) -> None:
-    found = result(session, "acrylic_film", "impacts")
-    assert float(found["static_radius"]) == pytest.approx(truth(session)["contact_radius"][-1], abs=3e-6)
-
-
 def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
     page = session / "labpipe/reports/acrylic_film.html"
     text = page.read_text("utf-8")

@@ -1,14 +1,13 @@
 """Impacts among the contacts of a film: single frames, missed frames, slow films."""
 
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
 
-from pipelines.experiments.contact_area.measured import impacts, keys, peak_of
+from pipelines.experiments.contact_area.measured import impacts
 
 
 def seen_in_film(time: np.ndarray, radius: np.ndarray, in_contact: np.ndarray) -> xr.Dataset:
@@ -78,14 +77,6 @@ def test_the_three_impacts_are_found(film: Callable[[], tuple[np.ndarray, ...]])
     assert float(found["static_radius"]) == pytest.approx(200e-6 if rests else np.nan, nan_ok=True)
 
 
-def test_slow_film_with_one_frame_for_each_impact_keeps_them() -> None:
-    time = 2e-3 * np.arange(100)
-    radius = np.full(100, np.nan)
-    radius[[10, 22, 31]] = 500e-6, 400e-6, 300e-6
-    found = impacts(seen_in_film(time, radius, np.isfinite(radius)), settings=None)
-    assert found["peak_time"].values == pytest.approx([20e-3, 44e-3, 62e-3])
-
-
 def test_largest_radius_lies_between_the_frames_within_its_uncertainty() -> None:
     """Hertz's elastic impact, integrated: 0.9 ms of contact, the frames anywhere in it."""
     duration, top = 0.9e-3, 900e-6
@@ -113,34 +104,3 @@ def test_largest_radius_lies_between_the_frames_within_its_uncertainty() -> None
     assert np.max(np.abs(errors)) < 6e-4
     assert abs(np.mean(errors)) < 3e-4
     assert np.sqrt(np.mean((np.array(errors) / np.array(stated)) ** 2)) < 1.2
-
-
-@pytest.mark.parametrize("lost", [slice(0, 1), slice(0, None, 2), slice(1, None)], ids=["largest", "two", "all later"])
-def test_frames_missing_beside_the_largest_stand_in_its_uncertainty(lost: slice) -> None:
-    """Frames 0.2 ms apart, of which the fringes could not be read in some: half a sine in a²."""
-    duration, top, z = 1.1e-3, 775e-6, []
-    for phase in np.linspace(0.0, 2e-4, 41):
-        time = phase - 2e-4 + 2e-4 * np.arange(10)
-        square = np.where((time > 0.0) & (time < duration), np.sin(np.pi * time / duration), 0.0)
-        a = np.where(square > 0.0, top * np.sqrt(np.maximum(square, 0.0)), np.nan)
-        a[int(np.nanargmax(a)) :][lost] = np.nan
-        peak = peak_of(time, a, np.full(time.size, 1e-8))
-        z.append((peak.radius - top) / np.hypot(peak.u, peak.sampling))
-    assert np.sqrt(np.mean(np.square(z))) < 1.6
-
-
-def test_a_film_without_impacts_is_shown_all_over(tmp_path, monkeypatch) -> None:
-    frames = 40
-    drawn = type("Film", (SimpleNamespace,), {"__getitem__": lambda self, i: np.full((20, 30), i, np.uint8)})
-    film = drawn(
-        valid=np.arange(frames) != 0, levels=(0.0, 255.0), shape=(frames, 20, 30), time=1e-3 * np.arange(frames)
-    )
-    monkeypatch.setattr("pipelines.experiments.contact_area.measured.film_of", lambda path, settings: film)
-    blank = ("centre_x", "centre_y", "radius", "semi_axis_major", "semi_axis_minor", "axis_angle", "u_radius")
-    values = {name: ("frame", np.full(frames, np.nan)) for name in (*blank, "radius_systematic")}
-    radius = xr.Dataset(
-        values | {"method": ("frame", np.zeros(frames, int)), "valid": ("frame", film.valid), "pixel_size": 1e-6},
-        {"frame": np.arange(frames)},
-    )
-    found = keys(tmp_path / "a.cine", radius, None, settings=SimpleNamespace(frame_rate=None, channel=None))
-    assert found["frame"].values.tolist() == [1, 7, 14, 20, 26, 33, 39]

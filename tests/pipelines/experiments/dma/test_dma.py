@@ -19,7 +19,7 @@ from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import SCHEMAS, init, open_session, process
+from pipelines.session import SCHEMAS, init, process
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
 
@@ -122,12 +122,6 @@ def test_points_without_torque_are_left_out_and_said():
     assert int(np.isnan(found.storage).sum()) == 1
 
 
-def test_a_missing_temperature_is_asked_for():
-    data = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)]).drop_vars("temperature")
-    with pytest.raises(InputError, match="no column for: temperature"):
-        gather_sweeps(data, "tension", 0.3)
-
-
 def test_an_export_without_a_sweep_is_refused():
     data = make([([1.0] * 9, np.arange(0, 90, 10.0).tolist(), [""] * 9)])
     with pytest.raises(InputError, match="no isothermal frequency sweep"):
@@ -149,7 +143,6 @@ def test_theglass_transition_lies_at_the_maximum_of_the_true_curve():
     found = glass_transition.transitions([ramp])
     peak = fine[np.argmax(true.imag / true.real)]
     assert abs(float(found.T_peak[0]) - peak) < max(3 * float(found.u_T_peak[0]), 2.0)
-    assert abs(float(found.T_loss[0]) - fine[np.argmax(true.imag)]) < 5.0
 
 
 def test_no_transition_is_said_where_there_is_none(ptfe):
@@ -157,13 +150,12 @@ def test_no_transition_is_said_where_there_is_none(ptfe):
     measured = solid.modulus(np.ones(T.size), T)
     found = glass_transition.transitions([glass_transition.Ramp(1.0, T, measured.real, measured.imag)])
     assert np.isnan(found.T_peak).all()
-    assert "falls by a factor of" in json.loads(found.attrs["reasons"])[0]["T_loss"]
+    assert "falls by a factor of" in json.loads(found.attrs["reasons"])[0]
     kept = ptfe[0].isel(sample=slice(0, 0)).assign_attrs(tests="[]")
     assert "absent" in dma.temperature_sweep([kept], settings=settings_for("ptfe")).attrs
 
 
 def test_the_transition_over_frequency_is_that_of_the_true_curve():
-    """By both criteria, from a noisy set of sweeps; a rubber's loss factor does not know b_T."""
     solid, T, f = SOLIDS["nbr"], np.arange(-40.0, 61.0, 10.0), np.geomspace(0.1, 10.0, 11)
     noise = np.random.default_rng(5)
     true = np.array([solid.modulus(f, np.full(f.size, t)) for t in T])
@@ -177,9 +169,8 @@ def test_the_transition_over_frequency_is_that_of_the_true_curve():
     fine = np.linspace(-60.0, 80.0, 14001)
     for i, hertz in enumerate(found["transition_frequency"].values[:4]):
         exact = solid.modulus(np.full(fine.size, hertz), fine)
-        for name, y in (("T_peak", exact.imag / exact.real), ("T_loss", exact.imag)):
-            gap = float(found[name][i]) - fine[np.argmax(y)]
-            assert not abs(gap) > 4 * float(found[f"u_{name}"][i]) + 0.4, (name, hertz)  # NaN beyond the isotherms
+        gap = float(found["T_peak"][i]) - fine[np.argmax(exact.imag / exact.real)]
+        assert not abs(gap) > 4 * float(found["u_T_peak"][i]) + 0.4, hertz  # NaN beyond the isotherms
     assert np.isfinite(found["T_peak"].values[:2]).all()
 
 
@@ -211,15 +202,6 @@ def test_a_specimen_without_a_cross_section_is_refused():
         Specimen(**lengths(length=(20, 0), diameter=(3, 0)), entered=Dimensions(**lengths(width=(3, 0))))
 
 
-def test_fewer_terms_keep_the_moduli(curve):
-    few = model.deck(curve, settings=settings_for("ptfe"), name="ptfe").tension
-    assert few.E.size < curve.sizes["term"] / 1.5
-    omega = 2 * np.pi * curve["reduced_frequency"].values
-    full = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=0.46)
-    ratio = few.complex_modulus(omega) / full.complex_modulus(omega)
-    assert np.sqrt(np.mean(np.abs(ratio - 1) ** 2)) < 0.015
-
-
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     solid = SOLIDS["ptfe"]
@@ -237,9 +219,8 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
         "Master curve",
         "Shift factors",
         "Spectrum",
-        "Storage and loss modulus, Kramers–Kronig: ",
+        "Kramers–Kronig",
         "Temperature sweep",
-        "For Abaqus",
         "Methods text, to paste",
         "synthetic data",
     ):
@@ -254,30 +235,6 @@ def test_a_scan_proposes_the_experiment_with_the_mode_that_its_strain_tells(sess
     text = found.path.read_text("utf-8")
     assert 'kind = "dma"' in text
     assert 'mode = "shear"  # or torsion' in text
-
-
-HARMONIC = """
-[experiments.punch]
-kind = "harmonic"
-mach1 = "punch.txt"
-
-[experiments.punch.punch]
-radius = "2 mm"
-period = "8 mm"
-depth = "6 mm"
-
-[experiments.punch.substrate]
-material_from = "{name}"
-"""
-
-
-@pytest.mark.parametrize("name", ["ptfe", "experiment:ptfe"])
-def test_another_experiment_names_the_material_with_or_without_prefix(session, name):
-    (session / "punch.txt").write_text("x", "utf-8")
-    with (session / "session.toml").open("a", encoding="utf-8") as stream:
-        stream.write(HARMONIC.format(name=name))
-    opened = open_session(session)
-    assert opened.experiments["punch"].settings.substrate.material_from == "experiment:ptfe"
 
 
 def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):

@@ -10,7 +10,7 @@ from labpipe.errors import InputError, UsageError
 from labpipe.materials import Prony, gather_sweeps
 from labpipe.units import Quantity
 from pipelines.experiments.dma import measured, model
-from pipelines.experiments.dma.settings import Dma, Export
+from pipelines.experiments.dma.settings import Dma
 from pipelines.session import export, init, process, result
 
 SOLID = Prony(1e6, np.array([3e8, 1e8, 2e7]), np.array([1e-3, 1e-1, 1e1]), nu=0.35)
@@ -65,21 +65,6 @@ def test_a_temperature_that_is_missing_or_too_many_is_told(tmp_path, changes, me
     settings = settings_for(names, **changes)
     with pytest.raises(InputError, match=message):
         gather_sweeps(measured.readings(tmp_path / names[0], settings=settings), "tension", 0.35)
-
-
-def test_a_stated_temperature_beside_a_column_is_refused(tmp_path):
-    names = write(tmp_path, "T={t:g};Mw=20;\nFreq\tE'\tE''\nrad/s\tPa\tPa\n")
-    with pytest.raises(InputError, match="has a column of temperature, and the session states 25 °C"):
-        measured.readings(tmp_path / names[0], settings=settings_for(names, temperature=degrees(25.0)))
-
-
-def test_columns_without_names_are_named_in_the_session(tmp_path):
-    names = write(tmp_path, "")
-    settings = settings_for(
-        names[:1], temperature=degrees(20.0), export=Export(columns="omega (rad/s), E' (Pa), E'' (Pa)")
-    )
-    found = measured.readings(tmp_path / names[0], settings=settings)
-    np.testing.assert_allclose(found.frequency, FREQUENCY, rtol=1e-9)
 
 
 def test_files_of_one_isotherm_each_are_one_experiment_from_scan_to_curve(tmp_path):

@@ -70,8 +70,8 @@ def test_frequency_is_the_plate_s_and_the_modal_mass_the_true_one(session: Path)
     assert float(plate["u_mass"]) < 0.01 * float(plate["mass"])
 
 
-def test_the_dma_s_uncertainty_stands_in_mass_and_curves(session: Path) -> None:
-    plate, model = result(session, "plate", "plate"), result(session, "plate", "model")
+def test_the_dma_s_uncertainty_stands_in_the_mass(session: Path) -> None:
+    plate = result(session, "plate", "plate")
     names = [str(name) for name in plate["uncertain"].values]
     for said in ("temperature, 20 °C", "Poisson's ratio, ptfe_dma", "DMA, specimen, acrylic_dma"):
         assert said in names
@@ -81,10 +81,6 @@ def test_the_dma_s_uncertainty_stands_in_mass_and_curves(session: Path) -> None:
     of_ptfe = plate["solid_momentum"].sel(uncertain="DMA, specimen, ptfe_dma").values
     assert of_ptfe[0] == 0.0  # acrylic knows nothing of it
     assert of_ptfe[1] != 0.0
-    ringing = model.sel(time=slice(0.0, 10e-3))  # at the second blow its moment counts, too
-    share = ringing["u_displacement"].max("time") / ringing["displacement"].max("time")
-    assert (share > 1e-4).all()
-    assert (share < 0.02).all()
     assert "the uncertainty of the DMA of acrylic and ptfe is included" in _page(session)
 
 
