@@ -33,8 +33,6 @@ _KNOWN = (
 )  # fmt: skip
 _SHOWN = 60  # characters of an unknown file
 _MOST = 2000  # files of a folder, of which each is one line
-_QUICK = 16 << 20
-"""Bytes of a file that is read whole for one line; a larger film is only opened."""
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is a problem."""
 
@@ -208,22 +206,14 @@ def _folder(folder: Path) -> dict[str, Any]:
 
 
 def _briefly(file: Path) -> tuple[dict[str, str], dict[str, Path]]:
-    """Return the reader of a file with a line on its content, and its problems with their file.
-
-    A large film is only opened.
-    """
-    name = instrument_of(file) or "calibration"
+    """Return the reader of a file with a line on its content, and its problems with their file."""
     try:
-        if (size := file.stat().st_size) > _QUICK and file.is_file():
-            is_film = instruments.by_name(name).content == "film"
-            with warnings.catch_warnings(record=True, action="always") as caught:
-                _ = instruments.read(file, instrument=name) if is_film else None
-            return {"reader": name, "holds": f"{size >> 20} MB"}, dict.fromkeys(_said(caught), file)
         found = describe(file)
     except (LabpipeError, OSError) as error:
         path = Path(getattr(error, "path", file))
         place = path if path.is_relative_to(file) else file  # an image of a film
-        return {"reader": name, "holds": "cannot be read"}, {getattr(error, "message", "") or str(error): place}
+        row = {"reader": instrument_of(file) or "calibration", "holds": "cannot be read"}
+        return row, {getattr(error, "message", "") or str(error): place}
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
     said += [f"{_span(spans[n])} {unit}" for n, unit in (("temperature", "°C"), ("frequency", "Hz")) if n in spans]
