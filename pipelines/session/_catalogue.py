@@ -23,7 +23,7 @@ import msgspec
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StorageError, UsageError
 from labpipe.notebook import html_table
-from labpipe.report import Block, Column, Document, Link, Listed, Notice, Section, Table, listed
+from labpipe.report import Block, Document, Link, Listed, Notice, Section, Table
 from labpipe.units import Quantity
 from labpipe.workflow.fields import REFERENCE, suggest
 from labpipe.workflow.plan import KEPT, READY, Plan, page_name
@@ -33,8 +33,9 @@ from labpipe.workflow.store import Store
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.pages import SYNTHETIC, counted
 from pipelines.experiments.shared.proposals import material_word
-from pipelines.session._overview import PAGE as SESSION_PAGE
+from pipelines.session._overview import PAGE as SESSION_PAGE, experiments_table
 from pipelines.session._processing import plan as plan_session
+from pipelines.session._results import key_numbers
 from pipelines.session._verdict_notices import judgement
 from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
@@ -329,20 +330,17 @@ def _rows(plan: Plan) -> dict[str, Any]:
         cells: dict[str, Any] = {"experiment": experiment.name, "kind": experiment.kind, "state": state}
         cells |= {"operator": session.operator, **_verdict_cells(verdicts.get(experiment.name))}
         found = {title: (value, unit) for title, value, unit in _settings((), experiment.settings)}
-        for row in rows:
-            if (dataset := results.up_to_date(row)) is None:
-                continue
-            for number in KINDS[experiment.kind].key_numbers:
-                if number.stage == row.stage and (pair := number.within(dataset)) is not None:
-                    title = number.title.replace(" ", "_")
-                    found.setdefault(title, (pair[0], number.unit))
-                    if pair[1] is not None:
-                        found.setdefault(f"u_{title}", (pair[1], number.unit))
-                    numbers.append((experiment.name, KEYS, row.recording, number.title, 0, *pair, number.unit))
-            cells |= _calibration(dataset, cells, found)
-            numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
-            if JUDGEMENT in dataset.attrs:
-                numbers += [(experiment.name, CHECKS, *v) for v in _ratios(dataset.attrs[JUDGEMENT])]
+        for title, (value, u, unit) in key_numbers(results, experiment.name).items():
+            numbers.append((experiment.name, KEYS, None, title, 0, value, u, unit))
+            column = title.replace(" ", "_")
+            own = {column: (value, unit)} | ({} if u is None else {f"u_{column}": (u, unit)})
+            found = own | found
+        for row, dataset in ((row, results.up_to_date(row)) for row in rows):
+            if dataset is not None:
+                cells |= _calibration(dataset, cells, found)
+                numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
+                judged = dataset.attrs.get(JUDGEMENT)
+                numbers += [(experiment.name, CHECKS, *v) for v in _ratios(judged)] if judged else []
         source = next((str(found[n][0]) for n in ("material_from", "material_file") if n in found), "")
         if source:  # the polymer that the name of a DMA experiment or a file contains, or else that name
             source = source.removeprefix(REFERENCE)
@@ -466,23 +464,18 @@ def _table(opened: Opened, kind: str, own: pd.DataFrame) -> Table:
     named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
     own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
     columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
-    numbers = opened.select("results", f"stage = '{KEYS}'").drop_duplicates(["session", "experiment", "variable"])
-    for key in KINDS[kind].key_numbers if kind in KINDS else ():
-        those = numbers.loc[numbers["variable"] == key.title, ["session", "experiment", "value", "u"]]
+    numbers = opened.select("results", f"stage = '{KEYS}'")
+    for title in dict.fromkeys(numbers.loc[numbers["kind"] == kind, "variable"]):
+        those = numbers.loc[numbers["variable"] == title, ["session", "experiment", "value", "u", "unit"]]
         found = own[["session", "experiment"]].merge(those, how="left")
-        if found["value"].notna().any():
-            u = found["u"].tolist() if found["u"].notna().any() else None
-            columns.append(Listed(key.title, found["value"].tolist(), key.unit, u))
-    table = listed(columns)
-    rows = []
-    for row, metrics in zip(own.to_dict("records"), table.rows, strict=True):
-        state, level = row["state"], "info"
-        if row["believable"] is not None:
-            state, level = judgement(row["believable"], row["model"])
-        href = opened.href(row["session"], page_name(row["experiment"]))
+        u = found["u"].tolist() if found["u"].notna().any() else None
+        columns.append(Listed(title, found["value"].tolist(), those["unit"].iloc[0], u))
+    entries: list[tuple[None, Link, Notice]] = []
+    for row in own.to_dict("records"):
+        is_judged = row["believable"] is not None
+        state, level = judgement(row["believable"], row["model"]) if is_judged else (row["state"], "info")
         remark = row["session"] + (f": {row['cause']}" if row["cause"] else "")
-        link = Link(row["experiment"], href, remark)
-        rows.append((None, link, Notice(level, state), *metrics))  # type: ignore[arg-type]
-    heads = (*map(Column, ("", "Experiment", "State")), *table.columns)
-    caption = "The latest first; select a heading to sort." if len(rows) > 1 else ""
-    return Table(heads, rows, caption, sortable=len(rows) > 1)
+        link = Link(row["experiment"], opened.href(row["session"], page_name(row["experiment"])), remark)
+        entries.append((None, link, Notice(level, state)))  # type: ignore[arg-type]
+    caption = "The latest first; select a heading to sort." if len(entries) > 1 else ""
+    return experiments_table(entries, columns, caption)

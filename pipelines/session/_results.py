@@ -83,6 +83,16 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), **given)
 
 
+def key_numbers(results: Results, name: str) -> dict[str, tuple[float, float | None, str]]:
+    """Return value, standard uncertainty and SI unit of each key number of an experiment that is up to date."""
+    found = {}
+    for number in KINDS[results.experiments[name].kind].key_numbers:
+        dataset = results.first(name, number.stage)
+        if dataset is not None and (pair := number.within(dataset)) is not None:
+            found[number.title] = (*pair, number.unit)
+    return found
+
+
 def result(folder: str | Path, experiment: str, stage: str | None = None, recording: str | None = None) -> xr.Dataset:
     """Return one stored result of a processed session.
 
