@@ -305,7 +305,6 @@ def identify(session: Path, experiments: list[str] | None, **options: Any) -> No
 @session_argument
 @click.option("--out", required=True, type=NEW_FOLDER, help="Folder to be made, not in SESSION.")
 @click.option("--anonymous", is_flag=True, help="Leave out operator, creators and paths of this machine.")
-@click.option("--figures", type=FOLDER, help="Include this folder of `labpipe figures --data`.")
 @jobs_option
 @json_option
 def publish(session: Path, out: Path, **options: Any) -> None:
@@ -329,7 +328,6 @@ def publish(session: Path, out: Path, **options: Any) -> None:
 
 @click.command()
 @click.argument("folder", type=FOLDER)
-@click.option("--tolerance", default=1e-6, type=click.FloatRange(min=0), help="Of the largest value of a variable.")
 @jobs_option
 @json_option
 def verify(folder: Path, **options: Any) -> None:
@@ -341,7 +339,6 @@ def verify(folder: Path, **options: Any) -> None:
     \b
     Example:
       labpipe verify my-package
-      labpipe verify my-package --tolerance 1e-9 --json
     """
     with watching() as progress:
         done = verbs.verify(folder, progress=progress, **options)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pipelines.session._comparison import (
         Comparison as Comparison,
         beside as beside,
+        compare as compare,
         comparison_text as comparison_text,
     )
     from pipelines.session._doctor import Health as Health, doctor as doctor
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
-        compare as compare,
         plan as plan,
         process as process,
         process_all as process_all,

@@ -232,7 +232,7 @@ def tex_text(rows: Iterable[Row], table: pd.DataFrame, remarks: Mapping[str, str
     """
     body = []
     for r, believable, model in zip(rows, table["believable"], table["model"], strict=True):
-        measured, expected, unit = sides(r)
+        measured, expected, _, unit = sides(r)
         deviation = "" if r.deviation is None else f"{number(r.deviation, 2)} u"
         if r.nrmse is not None:
             unit, deviation = "", f"nRMSE {number(100 * r.nrmse, 2)} %"

@@ -1,4 +1,4 @@
-"""The verbs that process a session: plan, process, judge, compare, watch, and show its reports."""
+"""The verbs that process a session: plan, process, judge, watch, and show its reports."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from labpipe.workflow.plan import Plan, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
-from pipelines.experiments import JUDGEMENT, KINDS, Derived
-from pipelines.session._overview import COMPARISON_PAGE, write_overview
+from pipelines.experiments import Derived
+from pipelines.session._overview import write_overview
 from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, load, needed, opened, reopen_session
 from pipelines.session._stated import fill
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from labpipe.report import Report
     from labpipe.workflow.results import Event, RunResult
     from labpipe.workflow.runner import Options
-    from pipelines.experiments.shared.comparison_rows import Row
-    from pipelines.session._comparison import Comparison
     from pipelines.session._verdicts import Verdicts
 
 
@@ -193,83 +191,6 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
     for outcome in run.failures:
         raise InputError(f"{outcome.task}: {outcome.message}")
     return opened(folder)
-
-
-def compare(
-    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
-) -> Comparison:
-    """Compare measurement and model of every experiment of a session, on one page.
-
-    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    jobs : int
-        Experiments processed side by side.
-    keep : bool or None
-        Take results of earlier code as they are; by default those that an earlier run took.
-    progress : callable, optional
-        Called with every event of the processing.
-
-    Returns
-    -------
-    Comparison
-        Rows with the measured and the simulated value of each quantity, and the page.
-
-    Raises
-    ------
-    ConfigError, SourceError
-        The session cannot be opened.
-
-    Examples
-    --------
-    >>> for row in compare("my-session").rows:  # doctest: +SKIP
-    ...     print(row.experiment, row.quantity, row.measured, row.model)
-    """
-    from labpipe import files
-    from pipelines.experiments.shared import judgements
-    from pipelines.session._comparison import Comparison, compared, render
-    from pipelines.session._verdicts import stored_verdicts
-
-    session = reopen_session(folder)
-    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
-    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
-    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
-    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
-    names = {target.split("/")[0] for target in wanted}
-    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
-    results = opened(folder)
-    verdicts = stored_verdicts(results)
-    failed: dict[str, str] = {}
-    for outcome in run.failures if run else ():
-        name = outcome.task.experiment
-        likely = verdicts[name].cause if name in verdicts else ""
-        cause = f". Likely: {likely}" if likely else ""
-        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
-    rows: list[Row] = []
-    absent: dict[str, str] = {}
-    for name, experiment in session.experiments.items():
-        if name not in able:
-            absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
-        elif name not in failed:
-            tasks = [task for task in results.plan.tasks if task.experiment == name]
-            kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
-            own = [replace(row, kept=kept) for row in compared(results, name) or []]
-            rows += own
-            if not own:
-                absent[name] = "it has no model: session.toml names nothing to simulate"
-    whole = [
-        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
-        | judgements.compared(results.result(name, JUDGEMENT))
-        for name in judged
-        if name not in failed
-    ]
-    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
-    files.write_text(found.page, render(session, found))
-    write_overview(session, STAGES)
-    return found
 
 
 def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
