@@ -132,11 +132,6 @@ def compare(
     Comparison
         Rows with the measured and the simulated value of each quantity, and the page.
 
-    Raises
-    ------
-    ConfigError, SourceError
-        The session cannot be opened.
-
     Examples
     --------
     >>> for row in compare("my-session").rows:  # doctest: +SKIP
@@ -346,13 +341,6 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     -------
     Path
         ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
-
-    Raises
-    ------
-    UsageError
-        There is no such experiment, or it is one and the same.
-    InputError
-        One of them has no results that are up to date.
 
     Examples
     --------

@@ -85,11 +85,6 @@ def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = 
     -------
     Path
 
-    Raises
-    ------
-    InputError
-        The session has no page yet.
-
     Examples
     --------
     >>> bundle("my-session", decimal=",")  # doctest: +SKIP

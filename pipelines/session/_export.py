@@ -128,13 +128,6 @@ def export(
     Exported
         The files, and the results that were left out because they are not up to date.
 
-    Raises
-    ------
-    InputError
-        No wanted result is up to date.
-    UsageError
-        A name is unknown, or a file is there and may not be replaced.
-
     Examples
     --------
     >>> export("my-session", "mat", only="acrylic_7mm", stages="bounces")  # doctest: +SKIP

@@ -191,13 +191,7 @@ def _specimen(lines: Sequence[str], gap: Gap) -> str:
 
 
 def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the sections of session.toml for some kinds, every value still to come, and the experiments' names.
-
-    Raises
-    ------
-    UsageError
-        There is no such kind.
-    """
+    """Return the sections of session.toml for some kinds, every value still to come, and the experiments' names."""
     sections, names = [], []
     for name in dict.fromkeys(kinds):
         if name not in experiments.KINDS:

@@ -96,13 +96,6 @@ def inspect(
         A mapping: ``file``, ``reader``, ``kind``, the properties of that kind, and
         ``problems``. A table's columns are in ``variables``.
 
-    Raises
-    ------
-    SourceError
-        The file is not known or cannot be read.
-    UsageError
-        The picture is not called .png.
-
     Examples
     --------
     >>> inspect("my-session/laser/drop_1.csv")["reader"]  # doctest: +SKIP
@@ -348,13 +341,7 @@ _COLUMNS = 6  # of a table that are drawn; more would be too small to read
 
 
 def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = None) -> None:
-    """Draw a film or table of a known instrument and write the picture; options are those of :func:`instruments.read`.
-
-    Raises
-    ------
-    UsageError
-        The target is no .png, or is the source.
-    """
+    """Draw a film or table of a known instrument into a .png; options are those of :func:`instruments.read`."""
     if target.suffix.lower() != ".png":
         raise UsageError(f"{target}: the picture is written as .png; name it so")
     if target.resolve() == source.resolve():

@@ -65,13 +65,6 @@ class OpenSession(ShownAsTable):
         -------
         dict
             Name of each instrument file in the session to a Dataset, or to a FrameSource for a film.
-
-        Raises
-        ------
-        UsageError
-            There is no such experiment.
-        LabpipeError
-            A file cannot be read.
         """
         import instruments
 
@@ -112,13 +105,6 @@ class OpenSession(ShownAsTable):
         -------
         Axes
             The variable over its dimension, shaded within two standard uncertainties where they are known.
-
-        Raises
-        ------
-        UsageError
-            There is no such experiment, stage or variable; the message names those that there are.
-        InputError
-            The result is out of date, or the variable is not a curve.
         """
         import matplotlib.pyplot as plt
 
@@ -167,13 +153,6 @@ def open_lab_session(folder: str | Path) -> OpenSession:
     -------
     OpenSession
         With ``experiments``, ``verdicts``, ``readings()``, ``results()``, ``result()`` and ``plot()``.
-
-    Raises
-    ------
-    SourceError
-        The folder holds no session.toml.
-    ConfigError
-        No experiment can be processed; every mistake is listed with its line.
 
     Examples
     --------

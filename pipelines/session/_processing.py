@@ -51,13 +51,6 @@ def plan(
     Plan
         One row per step: up to date, or to be run and why.
 
-    Raises
-    ------
-    UsageError
-        A stage or an experiment is unknown.
-    ConfigError, SourceError
-        The session cannot be opened.
-
     Examples
     --------
     >>> plan("my-session", "velocity").summary  # doctest: +SKIP
@@ -107,13 +100,6 @@ def process(
     RunResult
         Outcome of every task, the ledger, and the reports by experiment. The page of the whole
         session is ``FOLDER/labpipe/index.html``.
-
-    Raises
-    ------
-    UsageError
-        A stage or an experiment is unknown.
-    ConfigError, SourceError
-        The session cannot be opened; an experiment that fails is in the result instead.
 
     Examples
     --------
@@ -178,13 +164,7 @@ def process_all(
 
 
 def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived]], *, jobs: int = 1) -> Results:
-    """Process the steps behind values derived from experiments, and open the results.
-
-    Raises
-    ------
-    InputError
-        A step behind them failed.
-    """
+    """Process the steps behind values derived from experiments, and open the results; a failure is an InputError."""
     session = reopen_session(folder)
     targets = [target for experiment, derived in wanted for target in needed(session, experiment, derived)]
     run = process(folder, targets, {target.split("/")[0] for target in targets}, jobs=jobs, keep=None)
@@ -265,11 +245,6 @@ def report(folder: str | Path, experiment: str) -> Report:
     -------
     Report
         ``path`` is the page, ``html`` its text.
-
-    Raises
-    ------
-    InputError
-        There is none yet.
 
     Examples
     --------

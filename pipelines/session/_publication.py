@@ -184,11 +184,6 @@ def _strike(session: Session, folder: Path) -> list[str]:
 
     Lines and places keep their numbers: operator and creators are blank lines of session.toml. Initials are not looked
     for elsewhere: a film holds any three bytes by chance.
-
-    Raises
-    ------
-    ConfigError
-        A file has a person's name.
     """
     of_persons = [text or "" for one in session.creators for text in (one.name, one.orcid, one.affiliation)]
     wanted = {session.operator, *of_persons, str(session.root), f"{Path.home()}/"}
@@ -286,11 +281,6 @@ def cite(session: str | Path | None = None) -> str:
     str
         BibTeX entries of labpipe in this version and of the guides to uncertainty; with a session, of its methods
         and their standards too.
-
-    Raises
-    ------
-    SourceError, ConfigError
-        The session cannot be opened.
 
     Examples
     --------

@@ -42,13 +42,6 @@ def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
     -------
     Session
         Title, operator, and the experiments with their typed settings.
-
-    Raises
-    ------
-    SourceError
-        The folder holds no session.toml.
-    ConfigError
-        No experiment can be processed; every mistake is listed with its line.
     """
     folder = Path(folder)
     path = folder / sessions.FILE_NAME
@@ -110,14 +103,6 @@ def result(folder: str | Path, experiment: str, stage: str | None = None, record
     Dataset
         In SI; ``u_x`` is the standard uncertainty of ``x``.
 
-    Raises
-    ------
-    UsageError
-        There is no such experiment or stage, or no stage was named; the message names the nearest, or all.
-    InputError
-        The result is missing or out of date, or there is one for each recording: the message
-        names them.
-
     Examples
     --------
     >>> result("my-session", "acrylic_7mm", "repeats")["restitution"]  # doctest: +SKIP
@@ -145,13 +130,6 @@ def results(folder: str | Path, experiment: str | None = None) -> xr.DataTree:
     DataTree
         One node per stage; below it one per recording for stages that run per recording, by the
         stem of the file (by its whole name where two have the same).
-
-    Raises
-    ------
-    InputError
-        There is none.
-    UsageError
-        There is no such experiment.
 
     Examples
     --------

@@ -120,13 +120,6 @@ def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
         Linear budget, Monte Carlo and Sobol indices of every quantity, and the pages
         ``FOLDER/labpipe/sensitivity_KIND.html``.
 
-    Raises
-    ------
-    UsageError
-        There is no such kind or experiment with budgets.
-    InputError
-        A step before failed.
-
     Examples
     --------
     >>> sensitivity("my-session", "acrylic_7mm")  # doctest: +SKIP

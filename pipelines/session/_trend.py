@@ -171,13 +171,6 @@ def trend(
     -------
     Trend
 
-    Raises
-    ------
-    InputError
-        No quantity was measured on two days.
-    UsageError
-        The expression is not one, or names a column that is not there.
-
     Examples
     --------
     >>> trend("sessions", where="operator = 'A. Person'").drifts  # doctest: +SKIP
