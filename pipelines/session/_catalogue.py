@@ -66,7 +66,7 @@ PAGE, TREND_PAGE = "catalogue.html", "trend.html"
 """In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
 _TIED = "\N{NON-BREAKING HYPHEN}"
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
-_LAYOUT = 6
+_LAYOUT = 7
 """Raised when the tables change; rows of another layout are made anew."""
 _KEPT = "catalogue.json"
 """Among the results of a session: its rows, under a digest of all that they come from."""
@@ -81,18 +81,10 @@ _MOST_SHOWN = 60
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Catalogued:
-    """The table after an update; sessions are named relative to the database's folder.
+    """The table after an update, its database and its page; sessions are named relative to the database's folder.
 
-    Attributes
-    ----------
-    path : Path
-        The database.
-    page : Path
-        The page of all its experiments.
-    renewed, unchanged : tuple of str
-        Sessions read again, and those whose rows were kept.
-    problems : dict
-        Sessions that cannot be read, with the reason; their rows of before are kept.
+    ``renewed`` are sessions read again, ``unchanged`` those whose rows were kept, ``problems`` those that cannot be
+    read, with the reason; their rows of before are kept.
     """
 
     path: Path
@@ -149,12 +141,8 @@ def catalogue(
 
     Raises
     ------
-    UsageError
-        The expression is not one, or names a column that is not there.
     SourceError
         The database is another program's file.
-    StorageError
-        It cannot be written.
 
     Examples
     --------
@@ -170,18 +158,10 @@ def catalogue(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Opened:
-    """A catalogue that is up to date.
+    """A catalogue that is up to date: the database, and the folder from which the names of sessions start.
 
-    Attributes
-    ----------
-    path, base : Path
-        The database, and the folder from which the names of sessions start.
-    done : dict
-        Sessions by their state, as attributes of :class:`Catalogued`.
-    units : dict
-        Units of the columns of experiments.
-    connection : Connection
-        To a copy in memory, of which anything may be asked.
+    ``done`` are sessions by their state, as in :class:`Catalogued`, ``units`` those of the columns of experiments. The
+    connection is to a copy in memory, of which anything may be asked.
     """
 
     path: Path
@@ -242,19 +222,16 @@ def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | P
     units: dict[str, str] = {}
     done: dict[str, Any] = {"renewed": (), "unchanged": (), "problems": {}}
     for folder in _sessions(roots):
-        name = files.relative(folder, base)
-        kept, state, problem = _kept_rows(folder)
+        name, (kept, state, problem) = files.relative(folder, base), _kept_rows(folder)
         if problem is not None:
             done["problems"][name] = problem
         else:
             done[state] += (name,)
-        head = {"session": name}
-        tables["sessions"].append(kept.get("session", {}) | head | {"problem": problem})
-        tables["results"] += [
-            head | dict(zip(TABLES["results"][1:], row, strict=True)) for row in kept.get("results", ())
-        ]
+        tables["sessions"].append(kept.get("session", {}) | {"session": name, "problem": problem})
+        titles = TABLES["results"]
+        tables["results"] += [dict(zip(titles, (name, *row), strict=True)) for row in kept.get("results", ())]
         for cells, found in kept.get("experiments", ()):
-            row = head | cells
+            row = {"session": name} | cells
             for title, value, unit in found:
                 # The same word for two quantities, in kinds that know nothing of each other.
                 own = title if units.get(title, unit) == unit else f"{cells['kind']}_{title}"
@@ -333,8 +310,9 @@ def _rows(plan: Plan) -> dict[str, Any]:
         for title, (value, u, unit) in key_numbers(results, experiment.name).items():
             numbers.append((experiment.name, KEYS, None, title, 0, value, u, unit))
             column = title.replace(" ", "_")
-            own = {column: (value, unit)} | ({} if u is None else {f"u_{column}": (u, unit)})
-            found = own | found
+            found.setdefault(column, (value, unit))
+            if u is not None:
+                found.setdefault(f"u_{column}", (u, unit))
         for row, dataset in ((row, results.up_to_date(row)) for row in rows):
             if dataset is not None:
                 cells |= _calibration(dataset, cells, found)
@@ -357,11 +335,7 @@ def _verdict_cells(verdict: Verdict | None) -> dict[str, Any]:
     """Return the cells of a verdict, the worst finding first; none of an experiment that was not judged."""
     if verdict is None:
         return {}
-    places = [f.file if f.line is None else f"{f.file}:{f.line}" for f in verdict.findings]
-    lines = [
-        f"{f.level}: {f.message}" + (f" ({place})" if f.file else "")
-        for f, place in zip(verdict.findings, places, strict=True)
-    ]
+    lines = [f"{f.level}: {f.message}" + (f" ({f.place})" if f.file else "") for f in verdict.findings]
     cause = verdict.cause or next((f.cause for f in verdict.findings if f.cause), "")
     return {"believable": verdict.believable, "model": verdict.model, "checks": verdict.checks,
             "findings": "; ".join(lines), "cause": cause}  # fmt: skip

@@ -105,10 +105,9 @@ def export(
     source : path-like
         A session folder, or a file (or folder of images) of a known instrument.
     format : {"csv", "nc", "mat", "json", "xlsx", "tex", "abaqus", "ansys", "comsol", "lsdyna"}
-        Of the files; csv has one table per set of dimensions, with a row of units. Of a session,
-        ``xlsx`` and ``tex`` are one table with a row for each quantity (value, u, model, deviation,
-        verdict), which csv has in addition to the curves. The names of simulation codes write the
-        materials of the session as their input; json has them with the results, for any other code.
+        Csv has one table per set of dimensions, with a row of units. Of a session, ``xlsx`` and ``tex`` are one table
+        with a row for each quantity (value, u, model, deviation, verdict), which csv has in addition to the curves.
+        Simulation codes get the materials of the session; json has them with the results, for any other code.
     only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
@@ -181,15 +180,13 @@ def _export_file(path: Path, writer: Writer, options: dict[str, Any]) -> None:
     frames: Any = instruments.read(path, **options)
     dataset = frames
     if not isinstance(frames, xr.Dataset):
+        exposure = np.nan if frames.exposure is None else frames.exposure
         variables: dict[str, Any] = {
             "time": variable("frame", frames.time, "s", "time from the trigger"),
             "valid": variable("frame", frames.valid.astype(np.int8), "1", "1 where the frame is complete"),
+            "exposure": variable("frame", np.broadcast_to(exposure, frames.time.shape), "s", "exposure time"),
         }
-        if frames.exposure is not None:
-            values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
-            variables["exposure"] = ("frame", values, described("s", "exposure time"))
-        rows, columns = frames.shape[1:]
-        dataset = xr.Dataset(variables, attrs={"rows": int(rows), "columns": int(columns)})
+        dataset = xr.Dataset(variables, attrs=dict(zip(("rows", "columns"), frames.shape[1:], strict=True)))
     reader = options.get("instrument") or instruments.identify(path, fps=options.get("fps"))
     origin = {"file": path.name, "sha256": files.digest(path), "reader": reader, "program": program()}
     writer.write_dataset(path.stem, dataset, {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)})

@@ -18,9 +18,9 @@ import xarray as xr
 from labpipe.installation import __version__
 from labpipe.report import number
 from labpipe.workflow.results import Results
-from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.session._comparison import compared, labelled, sides
+from pipelines.session._results import key_numbers
 from pipelines.session._verdicts import told_verdicts
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -195,20 +195,15 @@ def rows_of(results: Results, experiments: Iterable[str] = ()) -> list[Row]:
 
     A key number that is compared with nothing has an empty ``against``.
     """
-    wanted = set(experiments) or set(results.experiments)
-    found: list[Row] = []
-    for name, experiment in results.experiments.items():
-        if name not in wanted:
-            continue
+    wanted, found = set(experiments) or set(results.experiments), list[Row]()
+    for name in (name for name in results.experiments if name in wanted):
         own = compared(results, name) or []
         known = {r.measured for r in own}  # a key number may be one of those that are compared
         found += own
-        for key in KINDS[experiment.kind].key_numbers:
-            dataset = results.first(name, key.stage)
-            if dataset is not None and (value := key.within(dataset)) is not None and value[0] not in known:
-                pair = (value[0], math.nan if value[1] is None else value[1])
-                one = row(key.title, key.unit, 1, against="", measured=pair)
-                found.append(labelled(one, experiment, results.plan.session))
+        for title, (value, u, unit) in key_numbers(results, name).items():
+            if value not in known:
+                one = row(title, unit, 1, against="", measured=(value, math.nan if u is None else u))
+                found.append(labelled(one, results.experiments[name], results.plan.session))
     return found
 
 
@@ -241,11 +236,8 @@ def tex_text(rows: Iterable[Row], table: pd.DataFrame, remarks: Mapping[str, str
         body.append((r.experiment, quantity, unit, measured, expected, deviation, verdict))
     head = ("experiment", "quantity", "unit", "measured", "expected", "deviation", "verdict")
     above = "".join(f"% {key}: {one_line(value)}\n" for key, value in remarks.items())
-    titles, *lines = (
-        " & ".join(one_line(cell).translate(_LATEX) for cell in cells) + r" \\" + "\n" for cells in (head, *body)
-    )
-    begin, middle = "\\begin{tabular}{lllllll}\n\\toprule\n", "\\midrule\n"
-    return f"{above}{begin}{titles}{middle}{''.join(lines)}\\bottomrule\n\\end{{tabular}}\n"
+    cells = pd.DataFrame(body, columns=head).map(lambda cell: one_line(cell).translate(_LATEX))
+    return above + cells.to_latex(index=False, escape=False)
 
 
 def xlsx_bytes(table: pd.DataFrame, remarks: Mapping[str, str]) -> bytes:
