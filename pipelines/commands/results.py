@@ -174,9 +174,8 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
 
     `believable`, `model`, `checks`, `findings` and `cause` hold the verdict where results are processed.
     The table is brought up to date first; only sessions that changed are read again, and none is
-    processed. The terminal shows columns that differ between rows, as many as its width holds; --columns
-    and --json show all. The page is FOLDER/catalogue.html. The table `results` has every short result,
-    `columns` every column with its unit.
+    processed. The terminal shows columns that differ between rows; --columns and --json show all. The page
+    is FOLDER/catalogue.html. The table `results` has every short result, `columns` every column with its unit.
 
     \b
     Example:
@@ -201,18 +200,11 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
             and not values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
         ]]  # fmt: skip
     shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
-    shown = shown.where(shown.notna(), "")
-    count, longest = len(shown.columns), None if columns else _LONGEST
-
-    def written() -> list[str]:
-        part = shown.iloc[:, :count]
-        return part.to_string(index=False, float_format="{:.5g}".format, max_colwidth=longest).splitlines()
-
-    while not columns and count > 1 and len(written()[0]) > shutil.get_terminal_size((100, 24)).columns:
-        count -= 1  # as many as the terminal holds
-    lines = written() if len(frame) else []
-    if len(frame) and (hidden := shown.columns[count:].tolist()):
-        lines.append(f"not shown: {', '.join(hidden)} (name some with --columns)")
+    style: dict[str, Any] = (
+        {} if columns else {"max_colwidth": _LONGEST, "line_width": shutil.get_terminal_size().columns}
+    )
+    text = shown.where(shown.notna(), "").to_string(index=False, float_format="{:.5g}".format, **style)
+    lines = text.splitlines() if len(frame) else []
     counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged"
     lines += [f"{len(frame)} rows; {counts}; {done.path}", f"page: {done.page}"]
     problems = [f"{name}: {problem}" for name, problem in done.problems.items()]

@@ -15,16 +15,11 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
-    from pipelines.session._comparison import (
-        Comparison as Comparison,
-        beside as beside,
-        compare as compare,
-        comparison_text as comparison_text,
-    )
-    from pipelines.session._doctor import Health as Health, doctor as doctor
+    from pipelines.session._catalogue import catalogue as catalogue
+    from pipelines.session._comparison import beside as beside, compare as compare, comparison_text as comparison_text
+    from pipelines.session._doctor import doctor as doctor
     from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
-    from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export
+    from pipelines.session._export import FORMATS as FORMATS, export as export
     from pipelines.session._gaps import (
         Gap as Gap,
         bare_type as bare_type,
@@ -34,14 +29,9 @@ if TYPE_CHECKING:
         library_names as library_names,
         template_of as template_of,
     )
-    from pipelines.session._inspection import (
-        Inspected as Inspected,
-        describe as describe,
-        inspect as inspect,
-        write_sheet as write_sheet,
-    )
+    from pipelines.session._inspection import describe as describe, inspect as inspect, write_sheet as write_sheet
     from pipelines.session._notes import note as note, with_note as with_note
-    from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
+    from pipelines.session._open_session import open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
         plan as plan,
@@ -52,14 +42,8 @@ if TYPE_CHECKING:
         verdict as verdict,
         watch as watch,
     )
-    from pipelines.session._proposal import Scan as Scan, draft as draft, init as init
-    from pipelines.session._publication import (
-        Published as Published,
-        Verified as Verified,
-        cite as cite,
-        publish as publish,
-        verify as verify,
-    )
+    from pipelines.session._proposal import draft as draft, init as init
+    from pipelines.session._publication import cite as cite, publish as publish, verify as verify
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,
         Surveyed as Surveyed,
@@ -79,7 +63,7 @@ if TYPE_CHECKING:
         result as result,
         results as results,
     )
-    from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
+    from pipelines.session._sensitivity import sensitivity as sensitivity
     from pipelines.session._session_checks import stated_as_exact as stated_as_exact
     from pipelines.session._trend import trend as trend
     from pipelines.session._verdicts import (

@@ -328,23 +328,9 @@ def _what(row: Row) -> str:
 
 
 def beside(folder: str | Path, first: str, second: str) -> Path:
-    """Write the page of two experiments side by side, from the results that are there.
+    """Write the page of two experiments side by side, from the results that are there; return where it is.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    first, second : str
-        Names of two experiments.
-
-    Returns
-    -------
-    Path
-        ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
-
-    Examples
-    --------
-    >>> beside("my-session", "acrylic_7mm", "acrylic_10mm")  # doctest: +SKIP
+    It is ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
     """
     results = opened(folder)
     session, names = results.plan.session, (first, second)

@@ -27,24 +27,6 @@ def work_folder(session: str | Path, out: str | Path) -> Path:
     It holds a copy of ``session.toml`` that names the session (``files`` in ``[session]``), and is taken by every
     command and function in the session's place. A folder that is there already is used as it is: its copy may have
     been changed.
-
-    Parameters
-    ----------
-    session : path-like
-        The session folder; only read.
-    out : path-like
-        The work folder.
-
-    Raises
-    ------
-    SourceError
-        The session holds no ``session.toml``.
-    UsageError
-        The folder is in the session, or holds the work on another session.
-
-    Examples
-    --------
-    >>> work_folder("/archive/2024-05", "2024-05")  # doctest: +SKIP
     """
     source, target = Path(session).resolve(), Path(out).resolve()
     original = source / FILE_NAME

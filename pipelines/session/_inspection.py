@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+import msgspec
 import numpy as np
 import xarray as xr
 
@@ -18,6 +19,7 @@ import instruments
 from labpipe.errors import ConfigError, InputError, LabpipeError, SourceError, SourceWarning, UsageError
 from labpipe.files import files_below, read_dataset, write_bytes
 from labpipe.notebook import html_table
+from labpipe.units import Quantity
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._recognition import alike_unknown, instrument_of, recognise
 
@@ -182,10 +184,19 @@ def _folder(folder: Path) -> dict[str, Any]:
     rows: list[dict[str, str]] = []
     problems: dict[str, list[str]] = {}
     for name in sorted(found.owners)[:_MOST]:
-        row, of_file = _briefly(folder / name)
-        rows.append({"file": name} | row)
-        for problem, path in of_file.items():
-            problems.setdefault(problem, []).append(path.relative_to(folder).as_posix())
+        place = folder / name
+        try:
+            one = describe(place)
+            holds, said = _briefly(one), one["problems"]
+        except (LabpipeError, OSError) as error:
+            one, holds, said = {}, "cannot be read", [getattr(error, "message", "") or str(error)]
+            inner = Path(getattr(error, "path", place))
+            place = inner if inner.is_relative_to(place) else place  # an image of a film
+        rows.append(
+            {"file": name, "reader": one.get("reader") or instrument_of(place) or "calibration", "holds": holds}
+        )
+        for problem in said:
+            problems.setdefault(problem, []).append(place.relative_to(folder).as_posix())
     for (*_, why), (first, *more) in alike_unknown(found).items():
         others = f" and {len(more)} more beside it" if more else ""
         rows.append({"file": f"{first}{others}", "reader": "", "holds": why})
@@ -198,21 +209,13 @@ def _folder(folder: Path) -> dict[str, Any]:
     return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines}
 
 
-def _briefly(file: Path) -> tuple[dict[str, str], dict[str, Path]]:
-    """Return the reader of a file with a line on its content, and its problems with their file."""
-    try:
-        found = describe(file)
-    except (LabpipeError, OSError) as error:
-        path = Path(getattr(error, "path", file))
-        place = path if path.is_relative_to(file) else file  # an image of a film
-        row = {"reader": instrument_of(file) or "calibration", "holds": "cannot be read"}
-        return row, {getattr(error, "message", "") or str(error): place}
+def _briefly(found: dict[str, Any]) -> str:
+    """Return a line on the content of a file that was described."""
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
     said += [f"{_span(spans[n])} {unit}" for n, unit in (("temperature", "°C"), ("frequency", "Hz")) if n in spans]
-    if count := len(found["problems"]):
-        said.append(f"{count} problem{'s' * (count > 1)}")
-    return {"reader": found["reader"], "holds": ", ".join(said)}, dict.fromkeys(found["problems"], file)
+    count = len(found["problems"])
+    return ", ".join([*said, *([f"{count} problem{'s' * (count > 1)}"] if count else [])])
 
 
 def _said(caught: list[warnings.WarningMessage]) -> list[str]:
@@ -293,19 +296,14 @@ def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
         problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
     exposure = frames.exposure
     origin = "trigger" if hasattr(frames, "header") else "first image"
-    timing = {
-        "interval": "unknown" if interval is None else f"{interval:.6g} s",
-        "rate": "unknown" if interval is None else f"{1.0 / interval:.6g} Hz",
-        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {origin}",
-    }
-    return {
-        "frames": count,
-        "image": f"{columns} × {rows} px",
-        **(timing if is_timed else {}),
-        "exposure": "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s",
-        "levels": f"{frames.levels[0]:g} black, {frames.levels[1]:g} white",
-        "problems": problems,
-    }
+    found: dict[str, Any] = {"frames": count, "image": f"{columns} × {rows} px"}
+    if is_timed:
+        found["interval"] = "unknown" if interval is None else f"{interval:.6g} s"
+        found["rate"] = "unknown" if interval is None else f"{1.0 / interval:.6g} Hz"
+        found["time"] = f"{time[0]:.6g} … {time[-1]:.6g} s from the {origin}"
+    found["exposure"] = "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s"
+    found["levels"] = f"{frames.levels[0]:g} black, {frames.levels[1]:g} white"
+    return found | {"problems": problems}
 
 
 def _record(file: Path) -> dict[str, Any]:
@@ -322,17 +320,10 @@ def _record(file: Path) -> dict[str, Any]:
         record: Any = load_record(file)
     except LabpipeError as error:
         return head | {"problems": str(error).splitlines()}
-    stated = {
-        name: str(getattr(record, name))
-        for name in ("id", "instrument", "serial", "valid_from", "valid_until", "who", "how")
-        if getattr(record, name, None)
-    }
-    values = {
-        name: show(value)
-        for name in record.values.__struct_fields__
-        if (value := getattr(record.values, name)) is not None and hasattr(value, "si")
-    }
-    return head | {"of": record.kind} | stated | values
+    names = ("id", "instrument", "serial", "valid_from", "valid_until", "who", "how")
+    stated = {name: str(getattr(record, name)) for name in names if getattr(record, name, None)}
+    values = msgspec.structs.asdict(record.values)
+    return head | {"of": record.kind} | stated | {n: show(v) for n, v in values.items() if isinstance(v, Quantity)}
 
 
 _FRAMES = 8  # of a film that are drawn

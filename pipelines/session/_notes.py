@@ -62,13 +62,7 @@ def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: d
 
 
 def with_note(text: str, experiment: str, made: Note) -> str:
-    """Return the text of session.toml with a note appended to an experiment.
-
-    Raises
-    ------
-    InputError
-        The note is empty, the text is not TOML, or the table of the experiment takes no note.
-    """
+    """Return the text of session.toml with a note appended to an experiment; InputError where none can be."""
     if not made.text:
         raise InputError("the note is empty")
     values = {"on": made.on} | ({"who": made.who} if made.who else {}) | {"text": made.text}

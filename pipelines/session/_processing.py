@@ -121,24 +121,9 @@ def process(
 def process_all(
     folders: Iterable[str | Path], **options: Unpack[Options]
 ) -> Generator[tuple[Path, RunResult | LabpipeError]]:
-    """Process many sessions, their experiments side by side.
+    """Process many sessions, their experiments side by side; options are those of :func:`process`.
 
-    Parameters
-    ----------
-    folders : iterable of path-like
-        Session folders; each is opened when there is room for its experiments.
-    **options
-        See :func:`process`.
-
-    Yields
-    ------
-    tuple
-        A folder, and how its run ended or why it cannot be processed; the others go on.
-
-    Examples
-    --------
-    >>> for folder, done in process_all(["monday", "tuesday"], jobs=4):  # doctest: +SKIP
-    ...     print(folder, done)
+    Yields a folder, and how its run ended or why it cannot be processed; the others go on.
     """
     from labpipe.workflow.runner import run_all
 

@@ -28,20 +28,10 @@ load = partial(sessions.load, kinds=SETTINGS, fill=fill)
 
 
 def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
-    """Read and check the ``session.toml`` of a folder.
+    """Read and check the ``session.toml`` of a folder; ConfigError lists every mistake with its line.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    is_processed : bool
-        Let experiments that have a page lack files. In an experiment that was never processed a file
-        that is not there is a mistake; later it has been lost, and its experiment fails and says so.
-
-    Returns
-    -------
-    Session
-        Title, operator, and the experiments with their typed settings.
+    In an experiment that was never processed a file that is not there is a mistake; with ``is_processed`` one that has
+    a page may lack files: they have been lost, and the experiment fails and says so.
     """
     folder = Path(folder)
     path = folder / sessions.FILE_NAME

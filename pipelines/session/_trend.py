@@ -215,12 +215,9 @@ def _points(opened: Opened, where: str) -> pd.DataFrame:
 def control_charts(points: pd.DataFrame) -> tuple[ControlChart, ...]:
     """Make a chart of each quantity that was measured on two days.
 
-    Parameters
-    ----------
-    points : DataFrame
-        A row for each quantity of each experiment: ``owner``, ``quantity``, ``chart`` (its specimen, where that
-        decides the value), ``is_ratio``, ``unit``, ``recorded`` (ISO day), ``session``, ``operator``, ``record``,
-        ``specimen``, ``value`` and ``u`` (SI).
+    ``points`` has a row for each quantity of each experiment: ``owner``, ``quantity``, ``chart`` (its specimen, where
+    that decides the value), ``is_ratio``, ``unit``, ``recorded`` (ISO day), ``session``, ``operator``, ``record``,
+    ``specimen``, ``value`` and ``u`` (SI).
     """
     grouped = points.groupby(["owner", "quantity", "chart"], sort=False) if len(points) else ()
     made = [_chart(own) for _, own in grouped if own["recorded"].nunique() > 1]
