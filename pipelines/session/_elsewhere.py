@@ -50,9 +50,8 @@ def work_folder(session: str | Path, out: str | Path) -> Path:
 def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = ".") -> Path:
     """Write pages, results, settings and calibration records of a session into one zip to be mailed.
 
-    Pages hold all that they show, and lead to each other in the unpacked folder. Results are one workbook of
-    quantities and csv of the curves; those of single recordings (readings, displacement, ...) are left out for their
-    size.
+    Results are one workbook of quantities and csv of the curves; those of single recordings (readings, displacement,
+    ...) are left out for their size.
 
     Parameters
     ----------
@@ -77,9 +76,8 @@ def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = 
         raise InputError(f"{session.root}: there is no page yet; run: labpipe process {session.root}")
     name = session.root.name
     path = session.folder / f"{name}.zip" if out is None else Path(out)
-    stages = [s for kind in {one.kind for one in session.experiments.values()} for s in STAGES[kind]]
+    stages = [s for one in session.experiments.values() for s in STAGES[one.kind]]
     whole = {s.name for s in stages if s.output == "dataset"} - {s.name for s in stages if s.per != "experiment"}
-
     held = {FILE_NAME: session.path(FILE_NAME)}
     for record in dict.fromkeys(one.name for one in named_files(session) if one.name.endswith(".toml")):
         if session.path(record).is_file():  # one may lie above the session

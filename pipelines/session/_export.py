@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -211,11 +211,10 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
     verdicts = told_verdicts(results.folder)
     for row in ready:
         dataset = results.result(*row.task)
-        remarks = {"experiment": row.experiment, "stage": row.stage}
-        remarks |= {"recording": row.recording} if row.recording else {}
-        remarks |= {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
-        settings = session.experiments[row.experiment].settings
-        remarks |= {"excluded": text} if (text := "; ".join(map(str, exclusions(settings)))) else {}
+        excluded = "; ".join(map(str, exclusions(session.experiments[row.experiment].settings)))
+        remarks = {"experiment": row.experiment, "stage": row.stage, "recording": row.recording, "title": session.title}
+        remarks |= {"synthetic": _SYNTHETIC * session.synthetic, "excluded": excluded}
+        remarks = {key: text for key, text in remarks.items() if text}
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         if writer.format == "nc":
             # the verdict as a flag of the CF conventions, with QARTOD's numbers
@@ -250,12 +249,9 @@ def export_table(results: Results, experiments: Sequence[str], writer: Writer) -
         for title, texts in (("excluded", list(map(str, exclusions(settings)))), ("notes", notes)):
             remarks |= {f"{name}, {title}": "; ".join(texts)} if texts else {}
     table = formats.frame(results, rows)
-    made: dict[str, Callable[[], str | bytes]] = {
-        "xlsx": lambda: formats.xlsx_bytes(table, remarks),
-        "tex": lambda: formats.tex_text(rows, table, remarks),
-        "csv": lambda: formats.csv_text(table, remarks, decimal=writer.decimal),
-    }
-    writer.write(f"quantities.{writer.format}", made[writer.format]())
+    name, content = f"quantities.{writer.format}", formats.csv_text(table, remarks, decimal=writer.decimal)
+    content = formats.tex_text(rows, table, remarks) if writer.format == "tex" else content
+    writer.write(name, formats.xlsx_bytes(table, remarks) if writer.format == "xlsx" else content)
 
 
 def _export_materials(results: Results, experiments: Sequence[str], writer: Writer, bulk: str | None) -> None:
@@ -269,8 +265,7 @@ def _export_materials(results: Results, experiments: Sequence[str], writer: Writ
     states = {f"{row.task.experiment}/{row.stage}": row for row in results.plan.rows}
     for name in experiments or session.experiments:
         experiment = session.experiments[name]
-        hook = KINDS[experiment.kind].material
-        if hook is None:
+        if (hook := KINDS[experiment.kind].material) is None:
             writer.left_out += [f"{name}: it makes no material"] if experiments else []
             continue
         waiting = [states[key] for key in needed(session, experiment, hook) if states[key].state not in READY]

@@ -192,9 +192,8 @@ def _folder(folder: Path) -> dict[str, Any]:
             one, holds, said = {}, "cannot be read", [getattr(error, "message", "") or str(error)]
             inner = Path(getattr(error, "path", place))
             place = inner if inner.is_relative_to(place) else place  # an image of a film
-        rows.append(
-            {"file": name, "reader": one.get("reader") or instrument_of(place) or "calibration", "holds": holds}
-        )
+        reader = one.get("reader") or instrument_of(folder / name) or "calibration"
+        rows.append({"file": name, "reader": reader, "holds": holds})
         for problem in said:
             problems.setdefault(problem, []).append(place.relative_to(folder).as_posix())
     for (*_, why), (first, *more) in alike_unknown(found).items():

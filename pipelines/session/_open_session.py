@@ -28,13 +28,7 @@ _BAND = 2.0  # standard uncertainties, about 95 %
 
 @dataclass(frozen=True, slots=True, repr=False)
 class OpenSession(ShownAsTable):
-    """A session folder to look at from Python; every property shows the folder as it is now.
-
-    Attributes
-    ----------
-    folder : Path
-        The session folder.
-    """
+    """A session folder to look at from Python; every property shows the folder as it is now."""
 
     folder: Path
 
@@ -56,15 +50,7 @@ class OpenSession(ShownAsTable):
     def readings(self, experiment: str) -> dict[str, xr.Dataset | FrameSource]:
         """Read the raw files of an experiment as they were recorded, before any calibration.
 
-        Parameters
-        ----------
-        experiment : str
-            Its name.
-
-        Returns
-        -------
-        dict
-            Name of each instrument file in the session to a Dataset, or to a FrameSource for a film.
+        Returned is, by the name of each instrument file, a Dataset, or a FrameSource for a film.
         """
         import instruments
 
@@ -152,7 +138,6 @@ def open_lab_session(folder: str | Path) -> OpenSession:
     Returns
     -------
     OpenSession
-        With ``experiments``, ``verdicts``, ``readings()``, ``results()``, ``result()`` and ``plot()``.
 
     Examples
     --------
