@@ -237,7 +237,7 @@ def _summary(
         yield said
     # records that cannot be believed, or inputs that would explain the difference
     names = [one["experiment"] for one in judged if one["believable"] != "yes" or one["suspects"]]
-    yield from each(names[:_REASONS], verdicts, {})
+    yield from each(names[:_REASONS], verdicts)
     if len(names) > _REASONS:
         yield Paragraph(f"{len(names) - _REASONS} more say on their own pages why they may differ.")
     curves = [row for row in rows if row.is_curve]
@@ -334,25 +334,20 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     """
     results = opened(folder)
     session, names = results.plan.session, (first, second)
+    if first == second:
+        raise UsageError(f'name two experiments; "{first}" was named twice')
+    verdicts, rows = stored_verdicts(results), dict[str, list[Row]]()
     for name in names:
         if name not in session.experiments:
             raise UsageError(f'there is no experiment "{name}" that is complete')
-    if first == second:
-        raise UsageError(f'name two experiments; "{first}" was named twice')
-    verdicts = stored_verdicts(results)
-    rows: dict[str, list[Row]] = {}
-    for name in names:
         if (own := compared(results, name)) is None and name not in verdicts:
             raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
         rows[name] = own or []
-    # another measurement, where there is no model
-    every = sorted((row for own in rows.values() for row in own), key=lambda row: row.against == "model")
-    against = {row.experiment: row.against for row in every}
     base, name = names if session.experiments[first].base != second else (second, first)
     said, table = _difference(session, base, name, rows)
     links = [Link(n, page_name(n), KINDS[session.experiments[n].kind].title) for n in names]
     links = [link for link in links if (session.folder / link.href).is_file()]
-    answer = (*each(names, verdicts, against), Notice("info", said), *_curves_of(results, names))
+    answer = (*each(names, verdicts), Notice("info", said), *_curves_of(results, names))
     sections = [Section("Answer", answer), Section("Difference", (*table, *links, *synthetic_notice(session)))]
     path = _page(session, first, second)
     files.write_text(path, session_document(session, f"{first} beside {second}", sections))
@@ -417,13 +412,11 @@ def _gap(old: Row | None, new: Row | None) -> float | None:
 
 def _curves_of(results: Results, names: tuple[str, str]) -> Iterator[Block]:
     """Lay the main curve of each experiment over the other's, where both are of one kind."""
-    kinds = {results.experiments[name].kind for name in names}
-    source = KINDS[kinds.pop()].picture if len(kinds) == 1 else None
-    if source is None:
-        return
-    found = [one for name in names if (one := results.first(name, source.stage)) is not None]
-    sides = [side for one in found if (side := curve(one, source)) is not None]
-    if len(sides) < len(names):
+    kind, other = (KINDS[results.experiments[name].kind] for name in names)
+    source = kind.picture if kind is other else None
+    found = [one for name in names if source and (one := results.first(name, source.stage)) is not None]
+    sides = [side for one in found if source and (side := curve(one, source)) is not None]
+    if source is None or len(sides) < len(names):
         return
     shown = []
     for variable, values in zip((source.x, source.y), zip(*sides, strict=True), strict=True):

@@ -8,6 +8,7 @@ import re
 import shutil
 import tempfile
 import warnings
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -56,8 +57,8 @@ class Audit:
     @property
     def caption(self) -> str:
         """Number of checks and of findings."""
-        count = {level: sum(t.level == level for t in self.troubles) for level in _WEIGHT}
-        found = ", ".join(f"{n} {level}" for level, n in count.items() if n)
+        count = Counter(t.level for t in self.troubles)
+        found = ", ".join(f"{count[level]} {level}" for level in _WEIGHT if count[level])
         return f"{self.checks} checks of the session: {found or 'nothing found'}"
 
     @property

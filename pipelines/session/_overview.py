@@ -87,7 +87,7 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         bad = [name for name, one in own.items() if one.believable != "yes" or one.model == "differs"]
         # those on which others rest come first
         bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
-        answer += each(bad[:_REASONS], own, {})
+        answer += each(bad[:_REASONS], own)
     answer += [Notice("info", as_sentence(note)) for note in notes]
     if (session.folder / COMPARISON_PAGE).is_file():
         remark = "all experiments in one table, as of the last labpipe compare"

@@ -111,20 +111,18 @@ def unused_files(session: Session) -> list[Finding]:
     index = Store(session.folder).index
     named = [one for one in named_files(session) if one.path.exists()]
     # a recording that is excluded is known, and serves nothing
-    settings = [e.settings for e in session.experiments.values()]
-    left_out = {(session.files / one.file).resolve() for each in settings for one in exclusions(each)}
+    excluded = (one.file for e in session.experiments.values() for one in exclusions(e.settings))
+    left_out = {(session.files / name).resolve() for name in excluded}
     groups: dict[tuple[str, str], list[str]] = {}
     for name, title in recognised_below(session.files, {n.path.resolve() for n in named} | left_out):
         groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
     found = []
     for (title, _), names in groups.items():
-        twin, n = "", len(names)
-        for path in (session.files / name for name in names):
-            # files of another size are not read for it
-            alike = (o for o in named if o.path.is_file() and o.path.stat().st_size == path.stat().st_size)
-            if one := next((o.name for o in alike if index.digest(o.path) == index.digest(path)), ""):
-                twin = f"{path.relative_to(session.files).as_posix()} holds the same bytes as {one}: a copy that can go"
-                break
+        n, pairs = len(names), ((name, o, session.files / name) for name in names for o in named if o.path.is_file())
+        # files of another size are not read for it
+        alike = ((name, o) for name, o, path in pairs if o.path.stat().st_size == path.stat().st_size)
+        same = ((name, o.name) for name, o in alike if index.digest(o.path) == index.digest(session.files / name))
+        twin = next((f"{name} holds the same bytes as {other}: a copy that can go" for name, other in same), "")
         shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
         text = f"no experiment uses {shown} ({title}{f', {n} files' if n > 1 else ''})"
         cause = twin or "an experiment lacks a recording, or the file can go"

@@ -54,18 +54,15 @@ def _others(words: Mapping[str, str], shown: Iterable[str]) -> str:
     return as_sentence("; ".join(parts)) if parts else ""
 
 
-def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
-    """Say of each named experiment whether it can be believed and agrees, with the gravest reason.
-
-    ``against`` names the reference of an experiment, where it is not the model.
-    """
+def each(names: Iterable[str], verdicts: Mapping[str, Verdict]) -> Iterator[Notice]:
+    """Say of each named experiment whether it can be believed and agrees, with the gravest reason."""
     for name in names:
         if (one := verdicts.get(name)) is None:
             yield Notice("info", f"{name}: no verdict that is up to date.")
             continue
         said = _WORDS.get(one.believable, f"the record is {one.believable}")
         model = {"none": "", "undecided": "; whether the model agrees is undecided"}
-        said += model.get(one.model, f"; the {against.get(name, 'model')} {one.model}")
+        said += model.get(one.model, f"; the model {one.model}")
         level = LEVELS.get(one.believable, "info")
         if level == "ok":
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]
