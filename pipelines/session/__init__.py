@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pipelines.session._catalogue import catalogue as catalogue
     from pipelines.session._comparison import beside as beside, compare as compare, comparison_text as comparison_text
     from pipelines.session._doctor import doctor as doctor
-    from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
     from pipelines.session._export import FORMATS as FORMATS, export as export
     from pipelines.session._gaps import (
         Gap as Gap,
@@ -41,9 +40,10 @@ if TYPE_CHECKING:
         report as report,
         verdict as verdict,
         watch as watch,
+        work_folder as work_folder,
     )
     from pipelines.session._proposal import draft as draft, init as init
-    from pipelines.session._publication import cite as cite, publish as publish, verify as verify
+    from pipelines.session._publication import bundle as bundle, cite as cite, publish as publish, verify as verify
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,
         Surveyed as Surveyed,

@@ -116,10 +116,9 @@ def catalogue(
     columns: Sequence[str] = (),
     table: str = "experiments",
 ) -> Catalogued:
-    """List the experiments of all sessions below some folders, one row each.
+    """List the experiments of all sessions below some folders, one row each, from a database that is renewed first.
 
-    The database is brought up to date first. Nothing is processed: of a session that is not, the
-    parameters are listed.
+    Nothing is processed: of a session that is not, the parameters are listed.
 
     Parameters
     ----------
@@ -138,11 +137,6 @@ def catalogue(
     -------
     Catalogued
         Its ``table`` is a DataFrame, ordered by session and experiment; ``attrs["units"]`` maps columns to SI units.
-
-    Raises
-    ------
-    SourceError
-        The database is another program's file.
 
     Examples
     --------

@@ -120,12 +120,8 @@ def compare(
     ----------
     folder : path-like
         The session folder.
-    jobs : int
-        Experiments processed side by side.
-    keep : bool or None
-        Take results of earlier code as they are; by default those that an earlier run took.
-    progress : callable, optional
-        Called with every event of the processing.
+    jobs, keep, progress
+        As of :func:`labpipe.process`; kept are by default the results that an earlier run kept.
 
     Returns
     -------

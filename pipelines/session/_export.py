@@ -212,8 +212,8 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
     for row in ready:
         dataset = results.result(*row.task)
         excluded = "; ".join(map(str, exclusions(session.experiments[row.experiment].settings)))
-        remarks = {"experiment": row.experiment, "stage": row.stage, "recording": row.recording, "title": session.title}
-        remarks |= {"synthetic": _SYNTHETIC * session.synthetic, "excluded": excluded}
+        remarks: dict[str, Any] = {"experiment": row.experiment, "stage": row.stage, "recording": row.recording}
+        remarks |= {"title": session.title, "synthetic": _SYNTHETIC * session.synthetic, "excluded": excluded}
         remarks = {key: text for key, text in remarks.items() if text}
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         if writer.format == "nc":

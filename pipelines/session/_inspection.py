@@ -95,8 +95,7 @@ def inspect(
     Returns
     -------
     Inspected
-        A mapping: ``file``, ``reader``, ``kind``, the properties of that kind, and
-        ``problems``. A table's columns are in ``variables``.
+        A mapping: ``file``, ``reader``, ``kind``, its properties, and ``problems``; of a table, ``variables``.
 
     Examples
     --------

@@ -63,8 +63,7 @@ def init(
     ask : callable, optional
         Returns the answer to a question that no file answers, or None to leave it open.
     template : iterable of str
-        Kinds of experiment to write down with every value still to come, instead of a scan; for a
-        session that is to be recorded, whose folder is made where it is not there.
+        Kinds of experiment to write down with every value still to come, instead of a scan; FOLDER is made if need be.
 
     Returns
     -------

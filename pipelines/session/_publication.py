@@ -12,12 +12,14 @@ import contextlib
 import html
 import importlib.metadata
 import importlib.util
+import io
 import mimetypes
 import mmap
 import platform
 import re
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
@@ -34,7 +36,7 @@ from pipelines.experiments.shared.pages import LIMITS
 from pipelines.session._export import Writer, export, export_results, export_table
 from pipelines.session._overview import COMPARISON_PAGE, PAGE
 from pipelines.session._processing import process
-from pipelines.session._results import opened, reopen_session
+from pipelines.session._results import STAGES, opened, reopen_session
 from pipelines.session._session_checks import named_files
 
 if TYPE_CHECKING:
@@ -86,10 +88,8 @@ def publish(
     anonymous : bool
         For a blind review: leave out operator, creators and paths of this machine. They are struck from the copies
         of raw files too, from which all is processed again.
-    jobs : int
-        Experiments processed side by side.
-    progress : callable, optional
-        Called with every event of the run.
+    jobs, progress
+        As of :func:`labpipe.process`.
 
     Returns
     -------
@@ -265,6 +265,56 @@ def _write_crate(session: Session, folder: Path) -> None:
         raise InputError(f"the library rocrate does not read back {', '.join(lost)}; rename the file")
 
 
+_DAY = (1980, 1, 1, 0, 0, 0)  # of every file in a bundle: two bundles of equal results are equal
+
+
+def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = ".") -> Path:
+    """Write pages, results, settings and calibration records of a session into one zip to be mailed.
+
+    Results are one workbook of quantities and csv of the curves; those of single recordings (readings, displacement,
+    ...) are left out for their size.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; nothing is processed.
+    out : path-like, optional
+        The file; default ``SESSION/labpipe/NAME.zip``.
+    decimal : {".", ","}
+        Decimal sign of the csv; with a comma, semicolons separate the columns.
+
+    Returns
+    -------
+    Path
+
+    Examples
+    --------
+    >>> bundle("my-session", decimal=",")  # doctest: +SKIP
+    """
+    session = reopen_session(folder)
+    pages = [p for p in sorted(session.folder.rglob("*.html")) if "store" not in p.relative_to(session.folder).parts]
+    if not pages:
+        raise InputError(f"{session.root}: there is no page yet; run: labpipe process {session.root}")
+    name = session.root.name
+    path = session.folder / f"{name}.zip" if out is None else Path(out)
+    stages = [s for one in session.experiments.values() for s in STAGES[one.kind]]
+    whole = {s.name for s in stages if s.output == "dataset"} - {s.name for s in stages if s.per != "experiment"}
+    held = {FILE_NAME: session.path(FILE_NAME)}
+    for record in dict.fromkeys(one.name for one in named_files(session) if one.name.endswith(".toml")):
+        if session.path(record).is_file():  # one may lie above the session
+            held["/".join(part for part in Path(record).parts if part != "..")] = session.path(record)
+    held |= {f"labpipe/{page.relative_to(session.folder).as_posix()}": page for page in pages}
+    stream = io.BytesIO()
+    with tempfile.TemporaryDirectory() as place, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        written = export(folder, "xlsx", out=place).paths
+        written += export(folder, "csv", stages=whole, out=place, decimal=decimal).paths
+        for inside, source in (held | {f"results/{p.name}": p for p in written}).items():
+            archive.writestr(zipfile.ZipInfo(f"{name}/{inside}", _DAY), source.read_bytes(), zipfile.ZIP_DEFLATED)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files.write_bytes(path, stream.getvalue())
+    return path
+
+
 _SOURCES = Path(installation.__file__).parent / "documentation/references.bib"
 
 
@@ -279,8 +329,7 @@ def cite(session: str | Path | None = None) -> str:
     Returns
     -------
     str
-        BibTeX entries of labpipe in this version and of the guides to uncertainty; with a session, of its methods
-        and their standards too.
+        BibTeX entries of labpipe in this version and of the guides to uncertainty, and of the session's methods.
 
     Examples
     --------
@@ -339,10 +388,8 @@ def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], Non
     ----------
     folder : path-like
         A folder that :func:`publish` made; it is not changed.
-    jobs : int
-        Experiments processed side by side.
-    progress : callable, optional
-        Called with every event of the run.
+    jobs, progress
+        As of :func:`labpipe.process`.
 
     Returns
     -------
@@ -350,12 +397,8 @@ def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], Non
 
     Raises
     ------
-    SourceError
-        The folder is no published package.
     StoreError
         Files are missing or were changed since; they are named.
-    StorageError
-        There is no space for a second set of results.
 
     Examples
     --------

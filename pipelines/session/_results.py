@@ -118,8 +118,7 @@ def results(folder: str | Path, experiment: str | None = None) -> xr.DataTree:
     Returns
     -------
     DataTree
-        One node per stage; below it one per recording for stages that run per recording, by the
-        stem of the file (by its whole name where two have the same).
+        One node per stage; below it one per recording, by the stem of the file (its whole name where two share it).
 
     Examples
     --------
