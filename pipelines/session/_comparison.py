@@ -208,9 +208,6 @@ def _material(experiment: Experiment, session: Session) -> str:
     return ""
 
 
-# --- the page of a session ---
-
-
 def render(session: Session, found: Comparison, verdicts: Mapping[str, Verdict]) -> str:
     """Return the page of a session as HTML text; a variant is on the page of its base and itself."""
     rows = [row for row in found.rows if row.experiment not in session.variants]
@@ -295,12 +292,10 @@ def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:
     measured, model, difference, units = zip(*map(sides, rows), strict=True)
     parts = ([*row.material.split(", "), *row.condition.split(", ")] for row in rows)
     text = (
-        "The largest deviation first: measured minus model in units of the difference's standard uncertainty. The "
-        "uncertainty of the model includes that of every input that is stated with one, and of the DMA from which "
-        "a material is taken; a material of the library or of a file counts as exact. A difference of many u means "
-        "that one of the inputs, or the material, is wrong. Of a curve, nRMSE is the root mean square of the "
-        "difference over the range of the model, and the difference its mean, with an uncertainty where the scale of "
-        "the calibration contributes to it; n counts repeats, or the points of a single curve."
+        "The largest deviation first: measured minus model in units of the difference's standard uncertainty, which "
+        "includes that of every input that is stated with one, and of the DMA from which a material is taken; a "
+        "material of the library or of a file counts as exact. Of a curve, nRMSE is the root mean square of the "
+        "difference over the range of the model, and the difference its mean; n counts repeats or points."
     )
     yield Paragraph(text)
     yield listed([
@@ -318,9 +313,6 @@ def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:
 def _what(row: Row) -> str:
     """Name the quantity of a row, and the reference where that is no model."""
     return row.quantity if row.against == "model" else f"{row.quantity} ({row.against})"
-
-
-# --- two experiments ---
 
 
 def beside(folder: str | Path, first: str, second: str) -> Path:

@@ -80,13 +80,13 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str], decimal: str = "
     for name in map(str, dataset.dims):  # a coordinate over which there is nothing else
         if name in dataset.variables and not any(name in dims for dims in groups):
             groups[name,] = []
-    made = {}
+    made, plain = {}, dataset.reset_coords()
     for dims, names in groups.items():
-        along = [dataset[dim].values if dim in dataset.variables else np.arange(dataset.sizes[dim]) for dim in dims]
-        columns = dict(zip(dims, np.meshgrid(*along, indexing="ij"), strict=True))
-        columns |= {name: dataset[name].values for name in names}
-        units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in columns]
-        table = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
+        table = pd.DataFrame({name: plain[name].values.ravel() for name in names})
+        if dims:
+            held = plain[[*names, *(dim for dim in dims if dim in plain.variables)]]
+            table = held.to_dataframe(dim_order=list(dims)).reset_index()
+        units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in table]
         made["-".join(dims) or "values"] = csv_text(table, remarks, units, decimal)
     return made
 
@@ -170,8 +170,6 @@ def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     head = b"MATLAB 5.0 MAT-file, written by labpipe".ljust(_MATLAB_HEAD)
     return head + stream.getvalue()[_MATLAB_HEAD:]
 
-
-# --- one table of a session, for a thesis ---
 
 _FIELDS = {
     "experiment": "experiment", "kind": "kind", "material": "material", "condition": "condition",

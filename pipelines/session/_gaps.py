@@ -180,9 +180,6 @@ def _specimen(lines: Sequence[str], gap: Gap) -> str:
     return "" if stated is None else material_word(stated[1]) or stated[1]
 
 
-# --- templates ---
-
-
 def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
     """Return the sections of session.toml for some kinds, every value still to come, and the experiments' names."""
     sections, names = [], []

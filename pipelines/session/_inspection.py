@@ -34,7 +34,6 @@ _KNOWN = (
     "averaging", "layout", "encoding", "delimiter", "decimal",
 )  # fmt: skip
 _SHOWN = 60  # characters of an unknown file
-_MOST = 2000  # files of a folder, of which each is one line
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is a problem."""
 
@@ -182,7 +181,7 @@ def _folder(folder: Path) -> dict[str, Any]:
     found = recognise(folder)
     rows: list[dict[str, str]] = []
     problems: dict[str, list[str]] = {}
-    for name in sorted(found.owners)[:_MOST]:
+    for name in sorted(found.owners):
         place = folder / name
         try:
             one = describe(place)
@@ -198,13 +197,9 @@ def _folder(folder: Path) -> dict[str, Any]:
     for (*_, why), (first, *more) in alike_unknown(found).items():
         others = f" and {len(more)} more beside it" if more else ""
         rows.append({"file": f"{first}{others}", "reader": "", "holds": why})
-    if not found.owners:
-        return {}
-    if len(found.owners) > _MOST:
-        problems[f"{len(found.owners) - _MOST} more files are not shown: name a folder within this one"] = []
     rows.sort(key=lambda row: row["file"])
-    lines = [f"{', '.join(names)}: {text}" if names else text for text, names in problems.items()]
-    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines}
+    lines = [f"{', '.join(names)}: {text}" for text, names in problems.items()]
+    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines} if found.owners else {}
 
 
 def _briefly(found: dict[str, Any]) -> str:
@@ -379,13 +374,13 @@ def _curves(dataset: xr.Dataset) -> Figure:
     columns = [v for v in columns if np.isfinite(v.values).any()][:_COLUMNS]
     if not columns:
         raise InputError("the file holds no column of numbers to draw")
+    x, title = np.arange(longest), str(columns[0].dims[0])
+    # a clock that starts again in every block would lay the blocks over each other
+    if "time" in dataset.variables and dataset["time"].size == longest and (np.diff(dataset["time"]) > 0).all():
+        x, title = dataset["time"].values, "time / s"
     figure = Figure(figsize=(7.0, 1.5 * len(columns) + 0.4), layout="constrained")
-    for place, variable in enumerate(columns):
-        axes = figure.add_subplot(len(columns), 1, place + 1)
-        has_time = "time" in dataset.variables and dataset["time"].dims == variable.dims
-        # A clock that starts again in every block would lay the blocks over each other.
-        has_time = has_time and bool((np.diff(dataset["time"].values) > 0).all())
-        axes.plot(dataset["time"].values if has_time else np.arange(longest), variable.values, linewidth=0.7)
+    for axes, variable in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
+        axes.plot(x, variable.values, linewidth=0.7)
         axes.set_ylabel(f"{variable.name} / {variable.attrs.get('units', '')}")
-    axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
+    axes.set_xlabel(title)
     return figure

@@ -139,12 +139,10 @@ def _row(results: Results, name: str, verdict: Verdict | None) -> "tuple[Image |
     from labpipe.report import Level, Link, Notice, Picture, thumbnail
     from pipelines.session._verdict_notices import judgement
 
-    plan = results.plan
+    plan, experiment = results.plan, results.experiments[name]
     rows = [row for row in plan.rows if row.experiment == name]
     has_page = (plan.session.folder / page_name(name)).is_file()
-    waiting = [row for row in rows if row.state not in READY]
-    kept = sum(row.state == KEPT for row in rows)
-    base = plan.session.experiments[name].base
+    waiting, kept = [row for row in rows if row.state not in READY], sum(row.state == KEPT for row in rows)
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     level: Level
     state, level = judgement(verdict.believable, verdict.model) if verdict else ("done", "ok")
@@ -160,9 +158,9 @@ def _row(results: Results, name: str, verdict: Verdict | None) -> "tuple[Image |
         state, level = "not processed", "info"
     elif kept:
         state, level = f"{state}, {kept} results of earlier code", "warning" if level == "ok" else level
-    remark = "; ".join(text for text in (f"variant of {base}" if base else "", unreadable) if text)
+    remark = "; ".join(filter(None, (experiment.base and f"variant of {experiment.base}", unreadable)))
     link = Link(name, page_name(name) if has_page else "", remark)
-    source = experiments.KINDS[plan.session.experiments[name].kind].picture
+    source = experiments.KINDS[experiment.kind].picture
     chart = None if source is None else _chart(results.first(name, source.stage), source)
     return None if chart is None else Picture(thumbnail(chart), ""), link, Notice(level, state)
 
@@ -201,9 +199,6 @@ def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | Scatte
     loops = [values[:, np.isfinite(values.sum(0))] for values in np.stack([dataset[source.x], dataset[source.y]], 1)]
     series = [Series(str(i), *loop) for i, loop in enumerate(loops) if loop.size]
     return ScatterChart("", source.x, source.y, series) if series else None
-
-
-# --- pages of experiments ---
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:

@@ -41,7 +41,6 @@ _FRAMES = {".png", ".tif", ".tiff", ".bmp"}
 _PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
 _COPY = re.compile(r"kopie|cop(?:y|ie)|backup|sicherung|\bold\b|\balt\b|\(\d+\)", re.IGNORECASE)
 _BEGIN = 1 << 20  # bytes in which most films differ
-_MOST = 5000  # entries of a survey; more would be nobody's list
 
 
 def recognise(folder: Path) -> Found:
@@ -220,9 +219,6 @@ def _is_loose_frame(folder: Path, name: str) -> bool:
     return sum(p.suffix.lower() == suffix and bool(re.search(r"\d", p.stem)) for p in folder.iterdir()) > 1
 
 
-# --- the list of a folder ---
-
-
 class Surveyed(NamedTuple):
     """One file, or a folder that is one recording; "" takes the place of what is not known or not so.
 
@@ -242,7 +238,7 @@ class Surveyed(NamedTuple):
 
 
 def survey(folder: Path) -> list[Surveyed]:
-    """List every file of a folder, in the order of their names, the first 5000.
+    """List every file of a folder, in the order of their names.
 
     Hidden files, session.toml and the results of labpipe are left out.
     """
@@ -257,7 +253,7 @@ def survey(folder: Path) -> list[Surveyed]:
     has_session = (folder / FILE_NAME).is_file()
     instrument = {name: each for each in instruments.known() for name in found.of(each.name)}
     listed = []
-    for name in sorted([*found.owners, *found.unknown])[:_MOST]:
+    for name in sorted([*found.owners, *found.unknown]):
         copy_of, status = found.copies.get(name, ""), (folder / name).lstat()
         if name in found.owners:
             (kind, reason), each = found.owners[name], instrument.get(copy_of or name)

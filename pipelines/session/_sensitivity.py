@@ -140,9 +140,6 @@ def examined(experiment: str, quantity: Quantity) -> Examined:
     )
 
 
-# --- the page ---
-
-
 def _page(session: Session, kind: str, found: Sequence[Examined]) -> str:
     """Return the page of the quantities of one kind of experiment as HTML text; budgets are on those of experiments."""
     sections = [Section("What to measure better", (*answer(found), *synthetic_notice(session)))]

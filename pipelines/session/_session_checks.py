@@ -1,4 +1,4 @@
-"""Checks of a session as a whole: recordings used twice, records, bodies, names, units, unused files.
+"""Checks of a session as a whole: recordings used twice, bodies, names, units, unused files.
 
 Each holds the statements of one experiment against the others, or against the names that the
 laboratory gave its files. None opens a recording: digests are those of the run.
@@ -9,12 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from math import hypot, inf, log
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
@@ -186,25 +184,6 @@ def _twice(session: Session) -> _Owned:
                 break
 
 
-def _records(session: Session) -> _Owned:
-    """Find two calibration records of one id; the step that applies one checks its period and its sensor."""
-    users: dict[str, list[str]] = {}
-    for named in named_files(session):
-        if named.path.suffix == CONFIGURATION:
-            name = files.relative(named.path.resolve(), session.files)  # or that of the laboratory
-            users.setdefault(name, []).append(named.experiment)
-    records = {name: record for name in users if (record := _record(session.files / name)) is not None}
-    for (name, record), (other, twin) in combinations(records.items(), 2):
-        if record.id == twin.id and record != twin:
-            text = f'{name} and {other} have the same id, "{record.id}", but differ'
-            for owner in dict.fromkeys(users[other]):
-                cause = "one of the two records is out of date"
-                yield owner, _finding("calibration record", text, cause, other, "id")
-
-
-# --- one thing, two values ---
-
-
 def _bodies(session: Session) -> _Owned:
     """Hold masses of bodies of one radius and material against each other, and radii of bodies of one mass."""
     found: list[tuple[Experiment, str, frozenset[str], dict[str, Quantity]]] = []
@@ -273,9 +252,6 @@ def _written(value: Quantity) -> str:
     return quantity(value.value, value.si, 4)
 
 
-# --- names and units ---
-
-
 def _material_names(session: Session) -> _Owned:
     """Hold stated materials against the names of experiment and files; where none is stated, names against names."""
     known = set(library_names())
@@ -320,6 +296,6 @@ def _quantities(session: Session) -> _Owned:
                 yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 
-_CHECKS = (_twice, _records, _bodies, _material_names, _quantities)
+_CHECKS = (_twice, _bodies, _material_names, _quantities)
 SESSION_CHECKS = len(_CHECKS) + 2
 """Number of checks of a session as a whole: the last of the functions makes two, and unused files are one more."""

@@ -53,26 +53,16 @@ _OTHER_TEMPERATURE = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlChart:
-    """One quantity over the days on which it was measured: an individuals chart, in SI.
+    """One quantity over the days on which it was measured, in SI: an individuals chart.
 
-    Attributes
-    ----------
-    owner : str
-        The sensor, of a ratio of observed over expected; the kind of experiment, of a key number.
-    points : DataFrame
-        A row for each session, by day: ``session``, ``day``, ``value`` and ``u`` (means of the session's experiments,
-        whose calibration is one), ``operator``, ``record``.
-    mean, sigma : float
-        Mean, and standard deviation from the mean moving range, ``MR * sqrt(pi) / 2``, which a slow drift does not
-        widen (D. C. Montgomery, Introduction to Statistical Quality Control, section 6.4).
-    u : float
-        Root mean square of the stated standard uncertainties, NaN where there are none.
-    slope, p : float
-        Least-squares slope per day, and its two-sided probability by chance.
-    groups : dict of str to (float, dict of str to float)
-        By record, operator and specimen: probability of larger differences by chance, and the mean of each group.
-    is_drifting : bool
-        The slope is less likely by chance than one value of all charts beyond three standard deviations.
+    ``owner`` is the sensor, of a ratio of observed over expected, or the kind of experiment. ``points`` has a row for
+    each session, by day: ``session``, ``day``, ``value`` and ``u`` (means of its experiments, whose calibration is
+    one), ``operator``, ``record``. ``sigma`` is the standard deviation from the mean moving range, ``MR sqrt(pi) / 2``
+    (D. C. Montgomery, Introduction to Statistical Quality Control, section 6.4), which a slow drift does not widen,
+    ``u`` the root mean square of the stated standard uncertainties, NaN where there are none; ``slope`` is that of
+    least squares per day with the two-sided probability ``p`` of a larger one by chance. ``groups`` holds, by record,
+    operator and specimen, the probability of larger differences by chance and the mean of each group. A drift is a
+    slope that is less likely by chance than one value of all charts beyond three standard deviations.
     """
 
     owner: str
@@ -275,8 +265,6 @@ def _groups(
         if 1 < len(parts) < len(values) and any(np.ptp(part) > 0.0 for part in parts.values()):
             yield by, (float(f_oneway(*parts.values()).pvalue), {n: float(part.mean()) for n, part in parts.items()})
 
-
-# --- the page ---
 
 _TIED = "\N{NO-BREAK SPACE}"  # a sign stays with its number
 _METHOD = (
