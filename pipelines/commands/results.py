@@ -22,6 +22,7 @@ from pipelines.commands.options import (
     session_argument,
 )
 from pipelines.commands.progress import is_shown, watching
+from pipelines.experiments import KINDS
 
 _LONGEST = 28  # characters of a text in a table of the terminal
 
@@ -174,7 +175,7 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
 
     `believable`, `model`, `checks`, `findings` and `cause` hold the verdict where results are processed.
     The table is brought up to date first; only sessions that changed are read again, and none is
-    processed. The terminal shows columns that differ between rows; --columns and --json show all. The page
+    processed. The terminal shows verdicts and key numbers; --columns and --json show all. The page
     is FOLDER/catalogue.html. The table `results` has every short result, `columns` every column with its unit.
 
     \b
@@ -190,15 +191,10 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
     rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
     document = {"database": done.path, **members(done, "page", "renewed", "unchanged", "problems")}
     shown = frame
-    if not columns:  # no uncertainties, no lists of files, and nothing that is the same in all rows
-        always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
-        stated = {str(name): frame[name].dropna() for name in frame.columns}
-        shown = frame[[
-            name
-            for name, values in stated.items()
-            if len(values) and (name in always or (values.nunique() > 1 and name[:2] != "u_"))
-            and not values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
-        ]]  # fmt: skip
+    if not columns and options["table"] == "experiments":
+        keys = (key.title.replace(" ", "_") for kind in KINDS.values() for key in kind.key_numbers)
+        usual = ("session", "experiment", "kind", "state", "believable", "model", "material", "height", *keys)
+        shown = frame[[name for name in dict.fromkeys(usual) if name in frame and frame[name].notna().any()]]
     shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
     style: dict[str, Any] = (
         {} if columns else {"max_colwidth": _LONGEST, "line_width": shutil.get_terminal_size().columns}

@@ -48,7 +48,6 @@ from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements import probability
 from pipelines.experiments.shared.pages import counted, session_document, synthetic_notice
 from pipelines.session._overview import AND, BESIDE, COMPARISON_PAGE, curve, pages_together, write_overview
 from pipelines.session._processing import process
@@ -216,7 +215,6 @@ def render(session: Session, found: Comparison, verdicts: Mapping[str, Verdict])
     sections = [
         Section("Answer", (*_summary(found, rows, judged, verdicts), *links, *synthetic_notice(session))),
         Section("Deviations", tuple(_deviations(rows))),
-        Section("Experiments", tuple(_experiments(rows, judged))),
         Section("Comparisons", tuple(_comparisons(rows))),
     ]
     return session_document(session, "Measurement against model", sections)
@@ -263,25 +261,6 @@ def _deviations(rows: Sequence[Row]) -> Iterator[Block]:
     )
     if points:
         yield Deviations("Difference over its uncertainty", list(points.items()), caption)
-
-
-def _experiments(rows: Sequence[Row], judged: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
-    """List the experiments that are judged as a whole, the largest deviation first."""
-    worst = {one["experiment"]: (None, "") for one in judged} | {
-        row.experiment: (row.deviation, row.quantity) for row in sorted(rows, key=lambda r: abs(r.deviation or 0.0))
-    }
-    order = sorted(judged, key=lambda one: -abs(worst[one["experiment"]][0] or 0.0))
-    if order:
-        deviations = [worst[one["experiment"]] for one in order]
-        yield listed([
-            Listed("experiment", [one["experiment"] for one in order]),
-            Listed("model", [one["model"] for one in order]),
-            Listed("largest deviation", [deviation for deviation, _ in deviations], "u", digits=2),
-            Listed("of", ["" if deviation is None else quantity for deviation, quantity in deviations]),
-            Listed("chi square", [one["chi2"] if one["degrees_of_freedom"] else None for one in order], digits=3),
-            Listed("degrees of freedom", [one["degrees_of_freedom"] or None for one in order], digits=2),
-            Listed("p", [None if one["p"] is None else probability(one["p"]) for one in order]),
-        ])  # fmt: skip
 
 
 def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:

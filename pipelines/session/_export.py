@@ -20,8 +20,8 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
 from pipelines.session._recognition import instrument_of
-from pipelines.session._results import STAGES, derive, needed, reopen_session
-from pipelines.session._verdicts import told_verdicts
+from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
+from pipelines.session._verdicts import stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -208,7 +208,7 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
             f"{session.root}: none of {len(rows)} wanted results is there and up to date; "
             f"run: labpipe process {session.root}"
         )
-    verdicts = told_verdicts(results.folder)
+    verdicts = stored_verdicts(opened(results.folder))
     for row in ready:
         dataset = results.result(*row.task)
         excluded = "; ".join(map(str, exclusions(session.experiments[row.experiment].settings)))

@@ -20,8 +20,8 @@ from labpipe.report import number
 from labpipe.workflow.results import Results
 from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.session._comparison import compared, labelled, sides
-from pipelines.session._results import key_numbers
-from pipelines.session._verdicts import told_verdicts
+from pipelines.session._results import key_numbers, opened
+from pipelines.session._verdicts import stored_verdicts
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
@@ -207,7 +207,7 @@ def rows_of(results: Results, experiments: Iterable[str] = ()) -> list[Row]:
 
 def frame(results: Results, rows: Iterable[Row]) -> pd.DataFrame:
     """Return one line for each quantity, in SI, with the verdict on its experiment; texts are on one line."""
-    verdicts = told_verdicts(results.folder)
+    verdicts = stored_verdicts(opened(results.folder))
     cells = [
         {title: getattr(r, name) for title, name in _FIELDS.items()}
         | ({n: getattr(verdicts[r.experiment], n) for n in ("believable", "model")} if r.experiment in verdicts else {})

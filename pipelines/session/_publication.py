@@ -12,14 +12,12 @@ import contextlib
 import html
 import importlib.metadata
 import importlib.util
-import io
 import mimetypes
 import mmap
 import platform
 import re
 import shutil
 import tempfile
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
@@ -265,9 +263,6 @@ def _write_crate(session: Session, folder: Path) -> None:
         raise InputError(f"the library rocrate does not read back {', '.join(lost)}; rename the file")
 
 
-_DAY = (1980, 1, 1, 0, 0, 0)  # of every file in a bundle: two bundles of equal results are equal
-
-
 def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = ".") -> Path:
     """Write pages, results, settings and calibration records of a session into one zip to be mailed.
 
@@ -304,14 +299,15 @@ def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = 
         if session.path(record).is_file():  # one may lie above the session
             held["/".join(part for part in Path(record).parts if part != "..")] = session.path(record)
     held |= {f"labpipe/{page.relative_to(session.folder).as_posix()}": page for page in pages}
-    stream = io.BytesIO()
-    with tempfile.TemporaryDirectory() as place, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        written = export(folder, "xlsx", out=place).paths
-        written += export(folder, "csv", stages=whole, out=place, decimal=decimal).paths
-        for inside, source in (held | {f"results/{p.name}": p for p in written}).items():
-            archive.writestr(zipfile.ZipInfo(f"{name}/{inside}", _DAY), source.read_bytes(), zipfile.ZIP_DEFLATED)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    files.write_bytes(path, stream.getvalue())
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch) / name
+        export(folder, "xlsx", out=place / RESULTS)
+        export(folder, "csv", stages=whole, out=place / RESULTS, decimal=decimal)
+        for inside, source in held.items():
+            (place / inside).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, place / inside)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        files.write_bytes(path, Path(shutil.make_archive(f"{scratch}/bundle", "zip", scratch, name)).read_bytes())
     return path
 
 

@@ -243,17 +243,12 @@ def _marks(results: Results) -> dict[str, str]:
     return {name: key_of({"verdict": [common, own]}) for name, own in keys.items()}
 
 
-def told_verdicts(folder: str | Path) -> dict[str, Verdict]:
-    """Return the verdicts on all experiments of a session that are up to date."""
-    return stored_verdicts(opened(folder))
-
-
 def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False) -> Verdict:
     """Return the verdict on one experiment by its stored results; nothing is processed.
 
     While the others are being processed, findings that compare it with them come later.
     """
-    known = {} if is_running else told_verdicts(folder)
+    known = {} if is_running else stored_verdicts(opened(folder))
     if experiment in known:
         return known[experiment]
     session = reopen_session(folder)
