@@ -79,7 +79,7 @@ class Answers:
         return {
             "folder": self.folder.name,
             "is_session": (self.folder / FILE_NAME).is_file(),
-            "files": [entry.document() for entry in self._survey()],
+            "files": [entry._asdict() for entry in self._survey()],
             "pages": pages,
         }
 

@@ -106,13 +106,12 @@ def reading_options(function: F) -> F:
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
     @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
     @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
-    @click.option("--channel", type=click.Choice(["red", "green", "blue"]), help="Colour film: the channel to read.")
     @click.option(
         "--option", "others", multiple=True, metavar="NAME=VALUE", help="Another option of the reader, e.g. fps=1000."
     )
     @functools.wraps(function)
     def reading(*args: Any, instrument: str | None, others: tuple[str, ...], **kwargs: Any) -> Any:
-        given = {name: kwargs.pop(name) for name in ("columns", "cycle", "units", "storage_factor", "channel")}
+        given = {name: kwargs.pop(name) for name in ("columns", "cycle", "units", "storage_factor")}
         given = {name: list(v) if isinstance(v, tuple) else v for name, v in given.items() if v}
         try:
             if instrument is not None or others:
@@ -149,7 +148,7 @@ def as_typed(hint: str) -> str:
             return match[0]
         if name == "units":
             return " ".join(f"--unit {unit}" for unit in re.findall(r'"([^"]*)"', value))
-        if name in ("instrument", "columns", "cycle", "storage_factor", "channel"):
+        if name in ("instrument", "columns", "cycle", "storage_factor"):
             return f"--{name.replace('_', '-')} {value}"
         return f"--option {name}={value.replace('True', 'true')}"
 

@@ -22,6 +22,7 @@ from pipelines.commands.options import (
     session_argument,
 )
 from pipelines.commands.progress import is_shown, watching
+from pipelines.experiments import KINDS
 
 _LONGEST = 28  # characters of a text in a table of the terminal
 
@@ -174,9 +175,8 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
 
     `believable`, `model`, `checks`, `findings` and `cause` hold the verdict where results are processed.
     The table is brought up to date first; only sessions that changed are read again, and none is
-    processed. The terminal shows columns that differ between rows, as many as its width holds; --columns
-    and --json show all. The page is FOLDER/catalogue.html. The table `results` has every short result,
-    `columns` every column with its unit.
+    processed. The terminal shows verdicts and key numbers; --columns and --json show all. The page
+    is FOLDER/catalogue.html. The table `results` has every short result, `columns` every column with its unit.
 
     \b
     Example:
@@ -191,28 +191,16 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
     rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
     document = {"database": done.path, **members(done, "page", "renewed", "unchanged", "problems")}
     shown = frame
-    if not columns:  # no uncertainties, no lists of files, and nothing that is the same in all rows
-        always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
-        stated = {str(name): frame[name].dropna() for name in frame.columns}
-        shown = frame[[
-            name
-            for name, values in stated.items()
-            if len(values) and (name in always or (values.nunique() > 1 and name[:2] != "u_"))
-            and not values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
-        ]]  # fmt: skip
+    if not columns and options["table"] == "experiments":
+        keys = (key.title.replace(" ", "_") for kind in KINDS.values() for key in kind.key_numbers)
+        usual = ("session", "experiment", "kind", "state", "believable", "model", "material", "height", *keys)
+        shown = frame[[name for name in dict.fromkeys(usual) if name in frame and frame[name].notna().any()]]
     shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
-    shown = shown.where(shown.notna(), "")
-    count, longest = len(shown.columns), None if columns else _LONGEST
-
-    def written() -> list[str]:
-        part = shown.iloc[:, :count]
-        return part.to_string(index=False, float_format="{:.5g}".format, max_colwidth=longest).splitlines()
-
-    while not columns and count > 1 and len(written()[0]) > shutil.get_terminal_size((100, 24)).columns:
-        count -= 1  # as many as the terminal holds
-    lines = written() if len(frame) else []
-    if len(frame) and (hidden := shown.columns[count:].tolist()):
-        lines.append(f"not shown: {', '.join(hidden)} (name some with --columns)")
+    style: dict[str, Any] = (
+        {} if columns else {"max_colwidth": _LONGEST, "line_width": shutil.get_terminal_size().columns}
+    )
+    text = shown.where(shown.notna(), "").to_string(index=False, float_format="{:.5g}".format, **style)
+    lines = text.splitlines() if len(frame) else []
     counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged"
     lines += [f"{len(frame)} rows; {counts}; {done.path}", f"page: {done.page}"]
     problems = [f"{name}: {problem}" for name, problem in done.problems.items()]
@@ -305,7 +293,6 @@ def identify(session: Path, experiments: list[str] | None, **options: Any) -> No
 @session_argument
 @click.option("--out", required=True, type=NEW_FOLDER, help="Folder to be made, not in SESSION.")
 @click.option("--anonymous", is_flag=True, help="Leave out operator, creators and paths of this machine.")
-@click.option("--figures", type=FOLDER, help="Include this folder of `labpipe figures --data`.")
 @jobs_option
 @json_option
 def publish(session: Path, out: Path, **options: Any) -> None:
@@ -329,7 +316,6 @@ def publish(session: Path, out: Path, **options: Any) -> None:
 
 @click.command()
 @click.argument("folder", type=FOLDER)
-@click.option("--tolerance", default=1e-6, type=click.FloatRange(min=0), help="Of the largest value of a variable.")
 @jobs_option
 @json_option
 def verify(folder: Path, **options: Any) -> None:
@@ -341,7 +327,6 @@ def verify(folder: Path, **options: Any) -> None:
     \b
     Example:
       labpipe verify my-package
-      labpipe verify my-package --tolerance 1e-9 --json
     """
     with watching() as progress:
         done = verbs.verify(folder, progress=progress, **options)

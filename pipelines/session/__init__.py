@@ -3,6 +3,9 @@
 Every command has one of these as its twin in Python; each returns objects to look at. They are
 imported when they are first used, so that a plan loads nothing that it does not need.
 
+Unless their own texts say more, they raise UsageError for a name that there is not, SourceError or ConfigError for a
+session that cannot be opened, and InputError for results that are not there or not up to date.
+
 The room holds more than processing and verdicts: data packages for journals, control charts of many sessions, variants,
 exclusions and notes, values from a laboratory's workbook, and sessions whose results lie elsewhere.
 """
@@ -12,15 +15,10 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
-    from pipelines.session._comparison import (
-        Comparison as Comparison,
-        beside as beside,
-        comparison_text as comparison_text,
-    )
-    from pipelines.session._doctor import Health as Health, doctor as doctor
-    from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
-    from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export
+    from pipelines.session._catalogue import catalogue as catalogue
+    from pipelines.session._comparison import beside as beside, compare as compare, comparison_text as comparison_text
+    from pipelines.session._doctor import doctor as doctor
+    from pipelines.session._export import FORMATS as FORMATS, export as export
     from pipelines.session._gaps import (
         Gap as Gap,
         bare_type as bare_type,
@@ -30,17 +28,11 @@ if TYPE_CHECKING:
         library_names as library_names,
         template_of as template_of,
     )
-    from pipelines.session._inspection import (
-        Inspected as Inspected,
-        describe as describe,
-        inspect as inspect,
-        write_sheet as write_sheet,
-    )
+    from pipelines.session._inspection import describe as describe, inspect as inspect, write_sheet as write_sheet
     from pipelines.session._notes import note as note, with_note as with_note
-    from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
+    from pipelines.session._open_session import open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
-        compare as compare,
         plan as plan,
         process as process,
         process_all as process_all,
@@ -48,15 +40,10 @@ if TYPE_CHECKING:
         report as report,
         verdict as verdict,
         watch as watch,
+        work_folder as work_folder,
     )
-    from pipelines.session._proposal import Scan as Scan, draft as draft, init as init
-    from pipelines.session._publication import (
-        Published as Published,
-        Verified as Verified,
-        cite as cite,
-        publish as publish,
-        verify as verify,
-    )
+    from pipelines.session._proposal import draft as draft, init as init
+    from pipelines.session._publication import bundle as bundle, cite as cite, publish as publish, verify as verify
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,
         Surveyed as Surveyed,
@@ -76,7 +63,7 @@ if TYPE_CHECKING:
         result as result,
         results as results,
     )
-    from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
+    from pipelines.session._sensitivity import sensitivity as sensitivity
     from pipelines.session._session_checks import stated_as_exact as stated_as_exact
     from pipelines.session._trend import trend as trend
     from pipelines.session._verdicts import (

@@ -23,7 +23,7 @@ import msgspec
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StorageError, UsageError
 from labpipe.notebook import html_table
-from labpipe.report import Block, Column, Document, Link, Listed, Notice, Section, Table, listed
+from labpipe.report import Block, Document, Link, Listed, Notice, Section, Table
 from labpipe.units import Quantity
 from labpipe.workflow.fields import REFERENCE, suggest
 from labpipe.workflow.plan import KEPT, READY, Plan, page_name
@@ -33,8 +33,9 @@ from labpipe.workflow.store import Store
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.pages import SYNTHETIC, counted
 from pipelines.experiments.shared.proposals import material_word
-from pipelines.session._overview import PAGE as SESSION_PAGE
+from pipelines.session._overview import PAGE as SESSION_PAGE, experiments_table
 from pipelines.session._processing import plan as plan_session
+from pipelines.session._results import key_numbers
 from pipelines.session._verdict_notices import judgement
 from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
@@ -65,7 +66,7 @@ PAGE, TREND_PAGE = "catalogue.html", "trend.html"
 """In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
 _TIED = "\N{NON-BREAKING HYPHEN}"
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
-_LAYOUT = 6
+_LAYOUT = 7
 """Raised when the tables change; rows of another layout are made anew."""
 _KEPT = "catalogue.json"
 """Among the results of a session: its rows, under a digest of all that they come from."""
@@ -80,18 +81,10 @@ _MOST_SHOWN = 60
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Catalogued:
-    """The table after an update; sessions are named relative to the database's folder.
+    """The table after an update, its database and its page; sessions are named relative to the database's folder.
 
-    Attributes
-    ----------
-    path : Path
-        The database.
-    page : Path
-        The page of all its experiments.
-    renewed, unchanged : tuple of str
-        Sessions read again, and those whose rows were kept.
-    problems : dict
-        Sessions that cannot be read, with the reason; their rows of before are kept.
+    ``renewed`` are sessions read again, ``unchanged`` those whose rows were kept, ``problems`` those that cannot be
+    read, with the reason; their rows of before are kept.
     """
 
     path: Path
@@ -123,10 +116,9 @@ def catalogue(
     columns: Sequence[str] = (),
     table: str = "experiments",
 ) -> Catalogued:
-    """List the experiments of all sessions below some folders, one row each.
+    """List the experiments of all sessions below some folders, one row each, from a database that is renewed first.
 
-    The database is brought up to date first. Nothing is processed: of a session that is not, the
-    parameters are listed.
+    Nothing is processed: of a session that is not, the parameters are listed.
 
     Parameters
     ----------
@@ -146,15 +138,6 @@ def catalogue(
     Catalogued
         Its ``table`` is a DataFrame, ordered by session and experiment; ``attrs["units"]`` maps columns to SI units.
 
-    Raises
-    ------
-    UsageError
-        The expression is not one, or names a column that is not there.
-    SourceError
-        The database is another program's file.
-    StorageError
-        It cannot be written.
-
     Examples
     --------
     >>> catalogue("sessions", where="material = 'acrylic'").table  # doctest: +SKIP
@@ -169,18 +152,10 @@ def catalogue(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Opened:
-    """A catalogue that is up to date.
+    """A catalogue that is up to date: the database, and the folder from which the names of sessions start.
 
-    Attributes
-    ----------
-    path, base : Path
-        The database, and the folder from which the names of sessions start.
-    done : dict
-        Sessions by their state, as attributes of :class:`Catalogued`.
-    units : dict
-        Units of the columns of experiments.
-    connection : Connection
-        To a copy in memory, of which anything may be asked.
+    ``done`` are sessions by their state, as in :class:`Catalogued`, ``units`` those of the columns of experiments. The
+    connection is to a copy in memory, of which anything may be asked.
     """
 
     path: Path
@@ -241,19 +216,16 @@ def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | P
     units: dict[str, str] = {}
     done: dict[str, Any] = {"renewed": (), "unchanged": (), "problems": {}}
     for folder in _sessions(roots):
-        name = files.relative(folder, base)
-        kept, state, problem = _kept_rows(folder)
+        name, (kept, state, problem) = files.relative(folder, base), _kept_rows(folder)
         if problem is not None:
             done["problems"][name] = problem
         else:
             done[state] += (name,)
-        head = {"session": name}
-        tables["sessions"].append(kept.get("session", {}) | head | {"problem": problem})
-        tables["results"] += [
-            head | dict(zip(TABLES["results"][1:], row, strict=True)) for row in kept.get("results", ())
-        ]
+        tables["sessions"].append(kept.get("session", {}) | {"session": name, "problem": problem})
+        titles = TABLES["results"]
+        tables["results"] += [dict(zip(titles, (name, *row), strict=True)) for row in kept.get("results", ())]
         for cells, found in kept.get("experiments", ()):
-            row = head | cells
+            row = {"session": name} | cells
             for title, value, unit in found:
                 # The same word for two quantities, in kinds that know nothing of each other.
                 own = title if units.get(title, unit) == unit else f"{cells['kind']}_{title}"
@@ -329,20 +301,18 @@ def _rows(plan: Plan) -> dict[str, Any]:
         cells: dict[str, Any] = {"experiment": experiment.name, "kind": experiment.kind, "state": state}
         cells |= {"operator": session.operator, **_verdict_cells(verdicts.get(experiment.name))}
         found = {title: (value, unit) for title, value, unit in _settings((), experiment.settings)}
-        for row in rows:
-            if (dataset := results.up_to_date(row)) is None:
-                continue
-            for number in KINDS[experiment.kind].key_numbers:
-                if number.stage == row.stage and (pair := number.within(dataset)) is not None:
-                    title = number.title.replace(" ", "_")
-                    found.setdefault(title, (pair[0], number.unit))
-                    if pair[1] is not None:
-                        found.setdefault(f"u_{title}", (pair[1], number.unit))
-                    numbers.append((experiment.name, KEYS, row.recording, number.title, 0, *pair, number.unit))
-            cells |= _calibration(dataset, cells, found)
-            numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
-            if JUDGEMENT in dataset.attrs:
-                numbers += [(experiment.name, CHECKS, *v) for v in _ratios(dataset.attrs[JUDGEMENT])]
+        for title, (value, u, unit) in key_numbers(results, experiment.name).items():
+            numbers.append((experiment.name, KEYS, None, title, 0, value, u, unit))
+            column = title.replace(" ", "_")
+            found.setdefault(column, (value, unit))
+            if u is not None:
+                found.setdefault(f"u_{column}", (u, unit))
+        for row, dataset in ((row, results.up_to_date(row)) for row in rows):
+            if dataset is not None:
+                cells |= _calibration(dataset, cells, found)
+                numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
+                judged = dataset.attrs.get(JUDGEMENT)
+                numbers += [(experiment.name, CHECKS, *v) for v in _ratios(judged)] if judged else []
         source = next((str(found[n][0]) for n in ("material_from", "material_file") if n in found), "")
         if source:  # the polymer that the name of a DMA experiment or a file contains, or else that name
             source = source.removeprefix(REFERENCE)
@@ -359,11 +329,7 @@ def _verdict_cells(verdict: Verdict | None) -> dict[str, Any]:
     """Return the cells of a verdict, the worst finding first; none of an experiment that was not judged."""
     if verdict is None:
         return {}
-    places = [f.file if f.line is None else f"{f.file}:{f.line}" for f in verdict.findings]
-    lines = [
-        f"{f.level}: {f.message}" + (f" ({place})" if f.file else "")
-        for f, place in zip(verdict.findings, places, strict=True)
-    ]
+    lines = [f"{f.level}: {f.message}" + (f" ({f.place})" if f.file else "") for f in verdict.findings]
     cause = verdict.cause or next((f.cause for f in verdict.findings if f.cause), "")
     return {"believable": verdict.believable, "model": verdict.model, "checks": verdict.checks,
             "findings": "; ".join(lines), "cause": cause}  # fmt: skip
@@ -466,23 +432,18 @@ def _table(opened: Opened, kind: str, own: pd.DataFrame) -> Table:
     named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
     own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
     columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
-    numbers = opened.select("results", f"stage = '{KEYS}'").drop_duplicates(["session", "experiment", "variable"])
-    for key in KINDS[kind].key_numbers if kind in KINDS else ():
-        those = numbers.loc[numbers["variable"] == key.title, ["session", "experiment", "value", "u"]]
+    numbers = opened.select("results", f"stage = '{KEYS}'")
+    for title in dict.fromkeys(numbers.loc[numbers["kind"] == kind, "variable"]):
+        those = numbers.loc[numbers["variable"] == title, ["session", "experiment", "value", "u", "unit"]]
         found = own[["session", "experiment"]].merge(those, how="left")
-        if found["value"].notna().any():
-            u = found["u"].tolist() if found["u"].notna().any() else None
-            columns.append(Listed(key.title, found["value"].tolist(), key.unit, u))
-    table = listed(columns)
-    rows = []
-    for row, metrics in zip(own.to_dict("records"), table.rows, strict=True):
-        state, level = row["state"], "info"
-        if row["believable"] is not None:
-            state, level = judgement(row["believable"], row["model"])
-        href = opened.href(row["session"], page_name(row["experiment"]))
+        u = found["u"].tolist() if found["u"].notna().any() else None
+        columns.append(Listed(title, found["value"].tolist(), those["unit"].iloc[0], u))
+    entries: list[tuple[None, Link, Notice]] = []
+    for row in own.to_dict("records"):
+        is_judged = row["believable"] is not None
+        state, level = judgement(row["believable"], row["model"]) if is_judged else (row["state"], "info")
         remark = row["session"] + (f": {row['cause']}" if row["cause"] else "")
-        link = Link(row["experiment"], href, remark)
-        rows.append((None, link, Notice(level, state), *metrics))  # type: ignore[arg-type]
-    heads = (*map(Column, ("", "Experiment", "State")), *table.columns)
-    caption = "The latest first; select a heading to sort." if len(rows) > 1 else ""
-    return Table(heads, rows, caption, sortable=len(rows) > 1)
+        link = Link(row["experiment"], opened.href(row["session"], page_name(row["experiment"])), remark)
+        entries.append((None, link, Notice(level, state)))  # type: ignore[arg-type]
+    caption = "The latest first; select a heading to sort." if len(entries) > 1 else ""
+    return experiments_table(entries, columns, caption)

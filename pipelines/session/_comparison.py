@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.report import (
     SURE,
     Block,
-    Details,
     Deviations,
     KeyValues,
     LineChart,
@@ -46,14 +45,18 @@ from labpipe.workflow.graph import OTHER, field_value
 from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from pipelines.experiments import KINDS
+from pipelines.experiments import JUDGEMENT, KINDS
+from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements import probability
 from pipelines.experiments.shared.pages import counted, session_document, synthetic_notice
-from pipelines.session._overview import AND, BESIDE, curve, pages_together, write_overview
-from pipelines.session._results import STAGES, derive, opened
+from pipelines.session._overview import AND, BESIDE, COMPARISON_PAGE, curve, pages_together, write_overview
+from pipelines.session._processing import process
+from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
 from pipelines.session._verdict_notices import agreement, each
-from pipelines.session._verdicts import stored_verdicts
+from pipelines.session._verdicts import Verdict, stored_verdicts
+
+if TYPE_CHECKING:
+    from labpipe.workflow.results import Event
 
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
@@ -82,15 +85,17 @@ class Comparison(ShownAsTable):
         return Shown(f"{len(self.rows)} comparisons, {self.page}", titles, rows)
 
 
-def sides(row: Row) -> tuple[str, str, str]:
-    """Write the measured value of an event, the one that it is compared with, and the unit of both; "" for none."""
-    shown = display_unit([value for value in (row.measured, row.model, row.difference) if value is not None], row.unit)
+def sides(row: Row) -> tuple[str, str, str, str]:
+    """Write the measured value, the one it is compared with, the difference, and the unit of all; "" for none."""
+    pairs = ((row.measured, row.u_measured), (row.model, row.u_model), (row.difference, row.u_difference))
+    known = [value for value, _ in pairs[:2] if value]
+    shown = display_unit(known or [value for value, _ in pairs if value is not None], row.unit)
     texts = [
         "" if value is None else plus_minus(value / shown.factor, u / shown.factor) if u
         else number(value / shown.factor, 5)
-        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
+        for value, u in pairs
     ]  # fmt: skip
-    return texts[0], texts[1], shown.text
+    return texts[0], texts[1], texts[2], shown.text
 
 
 def comparison_text(row: Row) -> str:
@@ -98,9 +103,69 @@ def comparison_text(row: Row) -> str:
     if row.nrmse is not None:
         bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
         return f"nRMSE {100 * row.nrmse:.2f} %{bias}"
-    measured, model, unit = sides(row)
+    measured, model, _, unit = sides(row)
     deviation = "" if row.deviation is None else f", {row.deviation:+z.1f} u"
     return f"{measured} against {model}{unit and f' {unit}'}{deviation}"
+
+
+def compare(
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
+) -> Comparison:
+    """Compare measurement and model of every experiment of a session, on one page.
+
+    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    jobs, keep, progress
+        As of :func:`labpipe.process`; kept are by default the results that an earlier run kept.
+
+    Returns
+    -------
+    Comparison
+        Rows with the measured and the simulated value of each quantity, and the page.
+
+    Examples
+    --------
+    >>> for row in compare("my-session").rows:  # doctest: +SKIP
+    ...     print(row.experiment, row.quantity, row.measured, row.model)
+    """
+    session = reopen_session(folder)
+    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
+    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
+    names = {target.split("/")[0] for target in wanted}
+    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
+    results = opened(folder)
+    verdicts = stored_verdicts(results)
+    failed: dict[str, str] = {}
+    for outcome in run.failures if run else ():
+        name = outcome.task.experiment
+        likely = verdicts[name].cause if name in verdicts else ""
+        cause = f". Likely: {likely}" if likely else ""
+        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
+    rows: list[Row] = []
+    absent: dict[str, str] = {}
+    for name in (name for name in session.experiments if name not in failed):
+        tasks = [task for task in results.plan.tasks if task.experiment == name]
+        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
+        own = [replace(row, kept=kept) for row in compared(results, name) or []]
+        rows += own
+        if not own:
+            absent[name] = "it has no model: session.toml names nothing to simulate"
+    whole = [
+        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
+        | judgements.compared(results.result(name, JUDGEMENT))
+        for name in judged
+        if name not in failed
+    ]
+    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
+    files.write_text(found.page, render(session, found, verdicts))
+    write_overview(session, STAGES)
+    return found
 
 
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
@@ -142,38 +207,30 @@ def _material(experiment: Experiment, session: Session) -> str:
     return ""
 
 
-# --- the page of a session ---
-
-
-def render(session: Session, found: Comparison) -> str:
+def render(session: Session, found: Comparison, verdicts: Mapping[str, Verdict]) -> str:
     """Return the page of a session as HTML text; a variant is on the page of its base and itself."""
     rows = [row for row in found.rows if row.experiment not in session.variants]
     judged = [one for one in found.experiments if one["experiment"] not in session.variants]
     links = [Link(text, name) for text, name in pages_together(session.folder)]
     sections = [
-        Section("Answer", (*_summary(found, rows, judged), *links, *synthetic_notice(session))),
+        Section("Answer", (*_summary(found, rows, judged, verdicts), *links, *synthetic_notice(session))),
         Section("Deviations", tuple(_deviations(rows))),
-        Section("Experiments", tuple(_experiments(rows, judged))),
         Section("Comparisons", tuple(_comparisons(rows))),
     ]
     return session_document(session, "Measurement against model", sections)
 
 
-def _summary(found: Comparison, rows: Sequence[Row], judged: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
+def _summary(
+    found: Comparison, rows: Sequence[Row], judged: Sequence[Mapping[str, Any]], verdicts: Mapping[str, Verdict]
+) -> Iterator[Block]:
     """Say in how many experiments the model agrees, and how many comparisons that rests on."""
     if said := agreement({one["experiment"]: one["model"] for one in judged}):
         yield said
-    reasons = []
-    for one in judged:  # a record that cannot be believed, or inputs that would explain the difference
-        name, believable = one["experiment"], one["believable"]
-        if believable in ("doubtful", "impossible"):
-            text = f"the record is {believable}" + (f": {one['cause']}" if one["cause"] else "")
-            reasons.append(Notice("error" if believable == "impossible" else "warning", f"{name}: {text}."))
-        elif one["suspects"]:
-            reasons.append(Notice("warning", f"{name}: {'; '.join(one['suspects'])}."))
-    yield from reasons[:_REASONS]
-    if len(reasons) > _REASONS:
-        yield Paragraph(f"{len(reasons) - _REASONS} more say on their own pages why they may differ.")
+    # records that cannot be believed, or inputs that would explain the difference
+    names = [one["experiment"] for one in judged if one["believable"] != "yes" or one["suspects"]]
+    yield from each(names[:_REASONS], verdicts)
+    if len(names) > _REASONS:
+        yield Paragraph(f"{len(names) - _REASONS} more say on their own pages why they may differ.")
     curves = [row for row in rows if row.is_curve]
     known, p = ([v for v in values if v is not None] for values in ([r.deviation for r in rows], [r.p for r in curves]))
     within = "differ by less than the 95 % interval of the difference"
@@ -185,14 +242,11 @@ def _summary(found: Comparison, rows: Sequence[Row], judged: Sequence[Mapping[st
     if of_any := [(title, f"{n} of {of}", text) for title, n, of, text in counts if of]:
         yield KeyValues(of_any)
     yield from (Notice("error", f"{name}: {why}") for name, why in found.failed.items())
-    if kept := {row.experiment: row.kept for row in found.rows if row.kept}:
-        text = f"{counted(len(kept), 'experiment')} with results that earlier code made and that were kept."
-        yield Notice("warning", text)
-        table = KeyValues([(name, ", ".join(stages), "") for name, stages in kept.items()])
-        yield Details("Results of earlier code", blocks=(table,))
+    if kept := list(dict.fromkeys(row.experiment for row in found.rows if row.kept)):
+        yield Notice("warning", f"Results that earlier code made and that were kept: {', '.join(kept)}.")
     for why in dict.fromkeys(found.absent.values()):
-        names = ", ".join(name for name, text in found.absent.items() if text == why)
-        yield Notice("info", f"{names}: {why}")
+        without = ", ".join(name for name, text in found.absent.items() if text == why)
+        yield Notice("info", f"{without}: {why}")
 
 
 def _deviations(rows: Sequence[Row]) -> Iterator[Block]:
@@ -209,39 +263,18 @@ def _deviations(rows: Sequence[Row]) -> Iterator[Block]:
         yield Deviations("Difference over its uncertainty", list(points.items()), caption)
 
 
-def _experiments(rows: Sequence[Row], judged: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
-    """List the experiments that are judged as a whole, the largest deviation first."""
-    worst = {one["experiment"]: (None, "") for one in judged} | {
-        row.experiment: (row.deviation, row.quantity) for row in sorted(rows, key=lambda r: abs(r.deviation or 0.0))
-    }
-    order = sorted(judged, key=lambda one: -abs(worst[one["experiment"]][0] or 0.0))
-    if order:
-        deviations = [worst[one["experiment"]] for one in order]
-        yield listed([
-            Listed("experiment", [one["experiment"] for one in order]),
-            Listed("model", [one["model"] for one in order]),
-            Listed("largest deviation", [deviation for deviation, _ in deviations], "u", digits=2),
-            Listed("of", ["" if deviation is None else quantity for deviation, quantity in deviations]),
-            Listed("chi square", [one["chi2"] if one["degrees_of_freedom"] else None for one in order], digits=3),
-            Listed("degrees of freedom", [one["degrees_of_freedom"] or None for one in order], digits=2),
-            Listed("p", [None if one["p"] is None else probability(one["p"]) for one in order]),
-        ])  # fmt: skip
-
-
 def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:
     """List all comparisons: values by their deviation, then curves by their error."""
     if not rows:
         return
     rows = sorted(rows, key=lambda r: (r.is_curve, -abs(r.deviation or 0.0), -(r.nrmse or 0.0)))
-    units, (measured, u_measured, model, u_model, difference, u) = _scaled(rows)
+    measured, model, difference, units = zip(*map(sides, rows), strict=True)
     parts = ([*row.material.split(", "), *row.condition.split(", ")] for row in rows)
     text = (
-        "The largest deviation first: measured minus model in units of the difference's standard uncertainty. The "
-        "uncertainty of the model includes that of every input that is stated with one, and of the DMA from which "
-        "a material is taken; a material of the library or of a file counts as exact. A difference of many u means "
-        "that one of the inputs, or the material, is wrong. Of a curve, nRMSE is the root mean square of the "
-        "difference over the range of the model, and the difference its mean, with an uncertainty where the scale of "
-        "the calibration contributes to it; n counts repeats, or the points of a single curve."
+        "The largest deviation first: measured minus model in units of the difference's standard uncertainty, which "
+        "includes that of every input that is stated with one, and of the DMA from which a material is taken; a "
+        "material of the library or of a file counts as exact. Of a curve, nRMSE is the root mean square of the "
+        "difference over the range of the model, and the difference its mean; n counts repeats or points."
     )
     yield Paragraph(text)
     yield listed([
@@ -250,8 +283,7 @@ def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:
         Listed("experiment", [r.experiment for r in rows]),
         # in one cell, so that the table fits a page
         Listed("of", [", ".join(p.replace(" ", "\N{NO-BREAK SPACE}") for p in own if p) for own in parts]),
-        Listed("measured", measured, u=u_measured), Listed("model", model, u=u_model),
-        Listed("difference", difference, u=u, digits=3), Listed("in", units),
+        Listed("measured", measured), Listed("model", model), Listed("difference", difference), Listed("in", units),
         Listed("nRMSE", [None if r.nrmse is None else 100 * r.nrmse for r in rows], "%", digits=2),
         Listed("p", [r.p for r in rows], digits=2), Listed("n", [r.n for r in rows]),
     ])  # fmt: skip
@@ -262,68 +294,27 @@ def _what(row: Row) -> str:
     return row.quantity if row.against == "model" else f"{row.quantity} ({row.against})"
 
 
-def _scaled(rows: Sequence[Row]) -> tuple[list[str], list[list[float | None]]]:
-    """Return the unit that suits each row, and its values in it: metres and newtons share a column."""
-    names = ("measured", "u_measured", "model", "u_model", "difference", "u_difference")
-    values = [[getattr(row, name) for name in names] for row in rows]
-    shown = [
-        display_unit([v for v in (own[:3:2] if any(own[:3:2]) else own[4:5]) if v is not None], row.unit)
-        for row, own in zip(rows, values, strict=True)
-    ]
-    scaled = [[v if v is None else v / s.factor for v in own] for own, s in zip(values, shown, strict=True)]
-    return [s.text for s in shown], [list(column) for column in zip(*scaled, strict=True)]
-
-
-# --- two experiments ---
-
-
 def beside(folder: str | Path, first: str, second: str) -> Path:
-    """Write the page of two experiments side by side, from the results that are there.
+    """Write the page of two experiments side by side, from the results that are there; return where it is.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    first, second : str
-        Names of two experiments.
-
-    Returns
-    -------
-    Path
-        ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
-
-    Raises
-    ------
-    UsageError
-        There is no such experiment, or it is one and the same.
-    InputError
-        One of them has no results that are up to date.
-
-    Examples
-    --------
-    >>> beside("my-session", "acrylic_7mm", "acrylic_10mm")  # doctest: +SKIP
+    It is ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
     """
     results = opened(folder)
     session, names = results.plan.session, (first, second)
+    if first == second:
+        raise UsageError(f'name two experiments; "{first}" was named twice')
+    verdicts, rows = stored_verdicts(results), dict[str, list[Row]]()
     for name in names:
         if name not in session.experiments:
             raise UsageError(f'there is no experiment "{name}" that is complete')
-    if first == second:
-        raise UsageError(f'name two experiments; "{first}" was named twice')
-    verdicts = stored_verdicts(results)
-    rows: dict[str, list[Row]] = {}
-    for name in names:
         if (own := compared(results, name)) is None and name not in verdicts:
             raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
         rows[name] = own or []
-    # another measurement, where there is no model
-    every = sorted((row for own in rows.values() for row in own), key=lambda row: row.against == "model")
-    against = {row.experiment: row.against for row in every}
     base, name = names if session.experiments[first].base != second else (second, first)
     said, table = _difference(session, base, name, rows)
     links = [Link(n, page_name(n), KINDS[session.experiments[n].kind].title) for n in names]
     links = [link for link in links if (session.folder / link.href).is_file()]
-    answer = (*each(names, verdicts, against), Notice("info", said), *_curves_of(results, names))
+    answer = (*each(names, verdicts), Notice("info", said), *_curves_of(results, names))
     sections = [Section("Answer", answer), Section("Difference", (*table, *links, *synthetic_notice(session)))]
     path = _page(session, first, second)
     files.write_text(path, session_document(session, f"{first} beside {second}", sections))
@@ -352,29 +343,30 @@ def _difference(session: Session, base: str, name: str, rows: Mapping[str, list[
     """
     of_base, own = ({(r.quantity, r.unit, r.against): r for r in rows[n]} for n in (base, name))
     pairs = [(of_base.get(key), own.get(key)) for key in dict.fromkeys([*of_base, *own])]
+    pairs.sort(key=lambda pair: -abs(_gap(*pair) or 0.0))
     gaps = [_gap(*pair) for pair in pairs]
-    caption, tables, columns = "Measured against expected", list[Block](), list[Listed]()
+    blocks, columns = list[Block](), list[Listed]()
     if session.experiments[name].base == base:
         changed = session.experiments[name].changed
         said = f"{name} is a variant of {base}: {settings_in_words(changed)}."
-        caption += "; what the settings do not touch is equal on both sides."
+        caption = "Measured against expected; what the settings do not touch is equal on both sides."
         sides = zip((base, name), zip(*changed.values(), strict=True), strict=True)
-        tables = [listed([Listed("setting", list(changed)), *(Listed(title, texts) for title, texts in sides)])]
+        blocks.append(listed([Listed("setting", list(changed)), *(Listed(title, texts) for title, texts in sides)]))
     else:
         known = [gap for gap in gaps if gap is not None]
         apart = sum(abs(gap) >= SURE for gap in known)
         said = f"{apart} of {counted(len(known), 'quantity', 'quantities')} measured in both "
         said += f"{'differs' if apart == 1 else 'differ'} by more than the 95 % interval of the difference."
         said = said if known else "No quantity is measured in both: the comparisons of each follow below."
-        caption += ". What both share, such as the calibration of one sensor, counts in each: where they share much, "
-        caption += "the difference is known better than is said here."
-        order = sorted(range(len(pairs)), key=lambda i: -abs(gaps[i] or 0.0))
-        pairs, gaps = [pairs[i] for i in order], [gaps[i] for i in order]
-        columns = [Listed(f"{base} minus {name}", gaps, "u", digits=2)] if known else []
+        caption = (
+            "Measured against expected. What both share, such as the calibration of one sensor, counts in each: where "
+            "they share much, the difference is known better than is said here."
+        )
+        columns += [Listed(f"{base} minus {name}", gaps, "u", digits=2)] if known else []
     columns.append(Listed("quantity", [_what(row) for pair in pairs if (row := pair[0] or pair[1])]))
     for title, side in zip((base, name), zip(*pairs, strict=True), strict=False):
         columns.append(Listed(title, [row and comparison_text(row) for row in side]))
-    return said, [*tables, *([listed(columns, caption)] if pairs else [])]
+    return said, [*blocks, *([listed(columns, caption)] if pairs else [])]
 
 
 def _gap(old: Row | None, new: Row | None) -> float | None:
@@ -387,13 +379,11 @@ def _gap(old: Row | None, new: Row | None) -> float | None:
 
 def _curves_of(results: Results, names: tuple[str, str]) -> Iterator[Block]:
     """Lay the main curve of each experiment over the other's, where both are of one kind."""
-    kinds = {results.experiments[name].kind for name in names}
-    source = KINDS[kinds.pop()].picture if len(kinds) == 1 else None
-    if source is None:
-        return
-    found = [one for name in names if (one := results.first(name, source.stage)) is not None]
-    sides = [side for one in found if (side := curve(one, source)) is not None]
-    if len(sides) < len(names):
+    kind, other = (KINDS[results.experiments[name].kind] for name in names)
+    source = kind.picture if kind is other else None
+    found = [one for name in names if source and (one := results.first(name, source.stage)) is not None]
+    sides = [side for one in found if source and (side := curve(one, source)) is not None]
+    if source is None or len(sides) < len(names):
         return
     shown = []
     for variable, values in zip((source.x, source.y), zip(*sides, strict=True), strict=True):

@@ -8,6 +8,7 @@ import re
 import shutil
 import tempfile
 import warnings
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -27,11 +28,7 @@ _WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 
 
 class Trouble(NamedTuple):
-    """One row of an audit: one thing to change, and all that it spoils.
-
-    ``level``, ``message``, ``cause``, ``file``, ``line``, ``value`` and ``place`` are those of the worst finding that
-    follows from it (:class:`labpipe.judging.Finding`); ``experiments`` and ``checks`` are all that it spoils and fails.
-    """
+    """One row of an audit: the worst finding of those that one change would mend, and all that it spoils and fails."""
 
     level: Level
     experiments: tuple[str, ...]
@@ -60,37 +57,25 @@ class Audit:
     @property
     def caption(self) -> str:
         """Number of checks and of findings."""
-        count = {level: sum(t.level == level for t in self.troubles) for level in _WEIGHT}
-        found = ", ".join(f"{n} {level}" for level, n in count.items() if n)
+        count = Counter(t.level for t in self.troubles)
+        found = ", ".join(f"{count[level]} {level}" for level in _WEIGHT if count[level])
         return f"{self.checks} checks of the session: {found or 'nothing found'}"
 
     @property
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Level, place, experiments, and observation with its cause, of every row."""
-        more = [len(t.checks) - 1 for t in self.troubles]
-        others = [f" (and {n} more check{'s' * (n > 1)})" if n else "" for n in more]
         return [
-            (t.level, t.place, ", ".join(t.experiments), f"{t.message}{said}{f'; {t.cause}' if t.cause else ''}")
-            for t, said in zip(self.troubles, others, strict=True)
+            (t.level, t.place, ", ".join(t.experiments), f"{t.message}{f'; {t.cause}' if t.cause else ''}")
+            for t in self.troubles
         ]
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Findings of the doctor.
+    """Findings of the doctor: version of every library or ``"missing"``, state of every plug-in, room on the disk.
 
-    Attributes
-    ----------
-    versions : dict
-        Version of every library, or ``"missing"``.
-    plugins : tuple of str
-        State of every plug-in.
-    free_bytes : int
-        Room on the disk.
-    problems, session_problems, damaged_results : tuple of str
-        Of the installation, of session.toml, and stored results that cannot be read.
-    audit : Audit or None
-        Findings on the recordings and settings of a session that was named.
+    ``problems`` are of the installation, ``session_problems`` of session.toml, ``damaged_results`` stored results that
+    cannot be read; ``audit`` holds findings on the recordings and settings of a session that was named.
     """
 
     versions: dict[str, str]
@@ -136,13 +121,7 @@ def doctor(folder: str | Path | None = None) -> Health:
     Returns
     -------
     Health
-        Versions, plug-ins, free space, problems in words, and the audit of the session; that is
-        left out while no experiment is complete or stored results are damaged.
-
-    Raises
-    ------
-    InputError
-        There is no such folder.
+        The audit is left out while no experiment is complete or stored results are damaged.
 
     Examples
     --------
@@ -215,35 +194,23 @@ def _numbers(version: str) -> tuple[int, ...]:
 def _audit(folder: Path) -> Audit:
     """Judge every experiment of a session, and the session as a whole.
 
-    Results that the verdicts need are processed first. Findings that one change would mend are one row. The engine is
-    loaded here, as the installation may lack it.
+    Results that the verdicts need are processed first. The engine is loaded here, as the installation may lack it.
     """
-    from labpipe.judging import Finding
-    from labpipe.workflow.session import FILE_NAME
-    from pipelines.experiments import JUDGEMENT, KINDS
+    from pipelines.experiments import JUDGEMENT
     from pipelines.session._processing import process
-    from pipelines.session._results import open_session
+    from pipelines.session._results import STAGES, open_session
     from pipelines.session._session_checks import SESSION_CHECKS, stated_as_exact, unused_files
     from pipelines.session._verdicts import WAITING, verdicts_of
 
-    session, targets = open_session(folder), []
-    for e in session.experiments.values():
-        stages = [stage.name for stage in KINDS[e.kind].stages]
-        targets += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
+    session = open_session(folder)
     found, checks = [("", finding) for finding in unused_files(session)], SESSION_CHECKS
-    if targets:
-        run = process(folder, targets)
-        session = run.session
+    judged = [e.name for e in session.experiments.values() if any(s.name == JUDGEMENT for s in STAGES[e.kind])]
+    if judged:
         # the lines that experiments wait for are among the problems of session.toml
+        run = process(folder, [f"{name}/{JUDGEMENT}" for name in judged])
         verdicts = [v for v in verdicts_of(run).experiments if v.state != WAITING]
         checks += sum(v.checks for v in verdicts)
         found += [(v.experiment, finding) for v in verdicts for finding in v.findings]
-        judged = {v.experiment for v in verdicts if v.findings}
-        for outcome in run.failures:  # in experiments whose kind makes no verdict
-            if (name := outcome.task.experiment) not in judged:
-                about = (f"step {outcome.task.stage}", "impossible", f"step {outcome.task.stage}: {outcome.message}")
-                line = session.experiments[name].lines.get("")
-                found.append((name, Finding(*about, file=FILE_NAME, line=line)))  # type: ignore[arg-type]
     alike: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
     for name, finding in found:
         alike.setdefault((finding.file, finding.line, finding.cause or finding.message), []).append((name, finding))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +20,8 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
 from pipelines.session._recognition import instrument_of
-from pipelines.session._results import STAGES, derive, needed, reopen_session
-from pipelines.session._verdicts import told_verdicts
+from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
+from pipelines.session._verdicts import stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -105,10 +105,9 @@ def export(
     source : path-like
         A session folder, or a file (or folder of images) of a known instrument.
     format : {"csv", "nc", "mat", "json", "xlsx", "tex", "abaqus", "ansys", "comsol", "lsdyna"}
-        Of the files; csv has one table per set of dimensions, with a row of units. Of a session,
-        ``xlsx`` and ``tex`` are one table with a row for each quantity (value, u, model, deviation,
-        verdict), which csv has in addition to the curves. The names of simulation codes write the
-        materials of the session as their input; json has them with the results, for any other code.
+        Csv has one table per set of dimensions, with a row of units. Of a session, ``xlsx`` and ``tex`` are one table
+        with a row for each quantity (value, u, model, deviation, verdict), which csv has in addition to the curves.
+        Simulation codes get the materials of the session; json has them with the results, for any other code.
     only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
@@ -127,13 +126,6 @@ def export(
     -------
     Exported
         The files, and the results that were left out because they are not up to date.
-
-    Raises
-    ------
-    InputError
-        No wanted result is up to date.
-    UsageError
-        A name is unknown, or a file is there and may not be replaced.
 
     Examples
     --------
@@ -188,15 +180,13 @@ def _export_file(path: Path, writer: Writer, options: dict[str, Any]) -> None:
     frames: Any = instruments.read(path, **options)
     dataset = frames
     if not isinstance(frames, xr.Dataset):
+        exposure = np.nan if frames.exposure is None else frames.exposure
         variables: dict[str, Any] = {
             "time": variable("frame", frames.time, "s", "time from the trigger"),
             "valid": variable("frame", frames.valid.astype(np.int8), "1", "1 where the frame is complete"),
+            "exposure": variable("frame", np.broadcast_to(exposure, frames.time.shape), "s", "exposure time"),
         }
-        if frames.exposure is not None:
-            values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
-            variables["exposure"] = ("frame", values, described("s", "exposure time"))
-        rows, columns = frames.shape[1:]
-        dataset = xr.Dataset(variables, attrs={"rows": int(rows), "columns": int(columns)})
+        dataset = xr.Dataset(variables, attrs=dict(zip(("rows", "columns"), frames.shape[1:], strict=True)))
     reader = options.get("instrument") or instruments.identify(path, fps=options.get("fps"))
     origin = {"file": path.name, "sha256": files.digest(path), "reader": reader, "program": program()}
     writer.write_dataset(path.stem, dataset, {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)})
@@ -218,14 +208,13 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
             f"{session.root}: none of {len(rows)} wanted results is there and up to date; "
             f"run: labpipe process {session.root}"
         )
-    verdicts = told_verdicts(results.folder)
+    verdicts = stored_verdicts(opened(results.folder))
     for row in ready:
         dataset = results.result(*row.task)
-        remarks = {"experiment": row.experiment, "stage": row.stage}
-        remarks |= {"recording": row.recording} if row.recording else {}
-        remarks |= {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
-        settings = session.experiments[row.experiment].settings
-        remarks |= {"excluded": text} if (text := "; ".join(map(str, exclusions(settings)))) else {}
+        excluded = "; ".join(map(str, exclusions(session.experiments[row.experiment].settings)))
+        remarks: dict[str, Any] = {"experiment": row.experiment, "stage": row.stage, "recording": row.recording}
+        remarks |= {"title": session.title, "synthetic": _SYNTHETIC * session.synthetic, "excluded": excluded}
+        remarks = {key: text for key, text in remarks.items() if text}
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         if writer.format == "nc":
             # the verdict as a flag of the CF conventions, with QARTOD's numbers
@@ -260,12 +249,9 @@ def export_table(results: Results, experiments: Sequence[str], writer: Writer) -
         for title, texts in (("excluded", list(map(str, exclusions(settings)))), ("notes", notes)):
             remarks |= {f"{name}, {title}": "; ".join(texts)} if texts else {}
     table = formats.frame(results, rows)
-    made: dict[str, Callable[[], str | bytes]] = {
-        "xlsx": lambda: formats.xlsx_bytes(table, remarks),
-        "tex": lambda: formats.tex_text(rows, table, remarks),
-        "csv": lambda: formats.csv_text(table, remarks, decimal=writer.decimal),
-    }
-    writer.write(f"quantities.{writer.format}", made[writer.format]())
+    name, content = f"quantities.{writer.format}", formats.csv_text(table, remarks, decimal=writer.decimal)
+    content = formats.tex_text(rows, table, remarks) if writer.format == "tex" else content
+    writer.write(name, formats.xlsx_bytes(table, remarks) if writer.format == "xlsx" else content)
 
 
 def _export_materials(results: Results, experiments: Sequence[str], writer: Writer, bulk: str | None) -> None:
@@ -279,8 +265,7 @@ def _export_materials(results: Results, experiments: Sequence[str], writer: Writ
     states = {f"{row.task.experiment}/{row.stage}": row for row in results.plan.rows}
     for name in experiments or session.experiments:
         experiment = session.experiments[name]
-        hook = KINDS[experiment.kind].material
-        if hook is None:
+        if (hook := KINDS[experiment.kind].material) is None:
             writer.left_out += [f"{name}: it makes no material"] if experiments else []
             continue
         waiting = [states[key] for key in needed(session, experiment, hook) if states[key].state not in READY]

@@ -18,10 +18,10 @@ import xarray as xr
 from labpipe.installation import __version__
 from labpipe.report import number
 from labpipe.workflow.results import Results
-from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.session._comparison import compared, labelled, sides
-from pipelines.session._verdicts import told_verdicts
+from pipelines.session._results import key_numbers, opened
+from pipelines.session._verdicts import stored_verdicts
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
@@ -80,13 +80,13 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str], decimal: str = "
     for name in map(str, dataset.dims):  # a coordinate over which there is nothing else
         if name in dataset.variables and not any(name in dims for dims in groups):
             groups[name,] = []
-    made = {}
+    made, plain = {}, dataset.reset_coords()
     for dims, names in groups.items():
-        along = [dataset[dim].values if dim in dataset.variables else np.arange(dataset.sizes[dim]) for dim in dims]
-        columns = dict(zip(dims, np.meshgrid(*along, indexing="ij"), strict=True))
-        columns |= {name: dataset[name].values for name in names}
-        units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in columns]
-        table = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
+        table = pd.DataFrame({name: plain[name].values.ravel() for name in names})
+        if dims:
+            held = plain[[*names, *(dim for dim in dims if dim in plain.variables)]]
+            table = held.to_dataframe(dim_order=list(dims)).reset_index()
+        units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in table]
         made["-".join(dims) or "values"] = csv_text(table, remarks, units, decimal)
     return made
 
@@ -171,8 +171,6 @@ def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     return head + stream.getvalue()[_MATLAB_HEAD:]
 
 
-# --- one table of a session, for a thesis ---
-
 _FIELDS = {
     "experiment": "experiment", "kind": "kind", "material": "material", "condition": "condition",
     "quantity": "quantity", "unit": "unit", "value": "measured", "u": "u_measured", "n": "n",
@@ -195,26 +193,21 @@ def rows_of(results: Results, experiments: Iterable[str] = ()) -> list[Row]:
 
     A key number that is compared with nothing has an empty ``against``.
     """
-    wanted = set(experiments) or set(results.experiments)
-    found: list[Row] = []
-    for name, experiment in results.experiments.items():
-        if name not in wanted:
-            continue
+    wanted, found = set(experiments) or set(results.experiments), list[Row]()
+    for name in (name for name in results.experiments if name in wanted):
         own = compared(results, name) or []
         known = {r.measured for r in own}  # a key number may be one of those that are compared
         found += own
-        for key in KINDS[experiment.kind].key_numbers:
-            dataset = results.first(name, key.stage)
-            if dataset is not None and (value := key.within(dataset)) is not None and value[0] not in known:
-                pair = (value[0], math.nan if value[1] is None else value[1])
-                one = row(key.title, key.unit, 1, against="", measured=pair)
-                found.append(labelled(one, experiment, results.plan.session))
+        for title, (value, u, unit) in key_numbers(results, name).items():
+            if value not in known:
+                one = row(title, unit, 1, against="", measured=(value, math.nan if u is None else u))
+                found.append(labelled(one, results.experiments[name], results.plan.session))
     return found
 
 
 def frame(results: Results, rows: Iterable[Row]) -> pd.DataFrame:
     """Return one line for each quantity, in SI, with the verdict on its experiment; texts are on one line."""
-    verdicts = told_verdicts(results.folder)
+    verdicts = stored_verdicts(opened(results.folder))
     cells = [
         {title: getattr(r, name) for title, name in _FIELDS.items()}
         | ({n: getattr(verdicts[r.experiment], n) for n in ("believable", "model")} if r.experiment in verdicts else {})
@@ -232,7 +225,7 @@ def tex_text(rows: Iterable[Row], table: pd.DataFrame, remarks: Mapping[str, str
     """
     body = []
     for r, believable, model in zip(rows, table["believable"], table["model"], strict=True):
-        measured, expected, unit = sides(r)
+        measured, expected, _, unit = sides(r)
         deviation = "" if r.deviation is None else f"{number(r.deviation, 2)} u"
         if r.nrmse is not None:
             unit, deviation = "", f"nRMSE {number(100 * r.nrmse, 2)} %"
@@ -241,11 +234,8 @@ def tex_text(rows: Iterable[Row], table: pd.DataFrame, remarks: Mapping[str, str
         body.append((r.experiment, quantity, unit, measured, expected, deviation, verdict))
     head = ("experiment", "quantity", "unit", "measured", "expected", "deviation", "verdict")
     above = "".join(f"% {key}: {one_line(value)}\n" for key, value in remarks.items())
-    titles, *lines = (
-        " & ".join(one_line(cell).translate(_LATEX) for cell in cells) + r" \\" + "\n" for cells in (head, *body)
-    )
-    begin, middle = "\\begin{tabular}{lllllll}\n\\toprule\n", "\\midrule\n"
-    return f"{above}{begin}{titles}{middle}{''.join(lines)}\\bottomrule\n\\end{{tabular}}\n"
+    cells = pd.DataFrame(body, columns=head).map(lambda cell: one_line(cell).translate(_LATEX))
+    return above + cells.to_latex(index=False, escape=False)
 
 
 def xlsx_bytes(table: pd.DataFrame, remarks: Mapping[str, str]) -> bytes:

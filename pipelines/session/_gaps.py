@@ -84,12 +84,7 @@ def gaps(text: str) -> Iterator[Gap]:
 
 
 def checked(gap: Gap, answer: str) -> str:
-    """Return an answer as it is written into the file; a bare number gets the unit of the gap.
-
-    Raises
-    ------
-    InputError
-        The answer does not fit; the message says which would.
+    """Return an answer as it is written into the file, a bare number with the unit of the gap, or raise InputError.
 
     Examples
     --------
@@ -156,14 +151,12 @@ def filled(texts: Mapping[str, str], ask: Callable[[Gap], str | None]) -> dict[s
             questions.setdefault(key, []).append((name, gap))
         (_, material, *_), alike = next(iter(questions.items()))
         (file, gap), asked = alike[0], asked + 1
-        table = gap.table
+        is_record = file != FILE_NAME
+        table = f"calibration of {Path(file).stem.replace('_', ' ')}" if is_record else gap.table
         if len(alike) > 1:
             owners = [one.table.rpartition(".")[0] for _, one in alike]
             more = f" and {len(owners) - 3} more" if len(owners) > 3 else ""
             table = f"{gap.table.rpartition('.')[2]} of {material}, in {', '.join(owners[:3])}{more}"
-        is_record = file != FILE_NAME
-        if is_record:
-            table = f"calibration of {Path(file).stem.replace('_', ' ')}"
         answer = ask(replace(gap, table=table, record=is_record, number=asked, of=asked + len(questions) - 1))
         for name, one in alike:
             left.remove((name, one))
@@ -187,17 +180,8 @@ def _specimen(lines: Sequence[str], gap: Gap) -> str:
     return "" if stated is None else material_word(stated[1]) or stated[1]
 
 
-# --- templates ---
-
-
 def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the sections of session.toml for some kinds, every value still to come, and the experiments' names.
-
-    Raises
-    ------
-    UsageError
-        There is no such kind.
-    """
+    """Return the sections of session.toml for some kinds, every value still to come, and the experiments' names."""
     sections, names = [], []
     for name in dict.fromkeys(kinds):
         if name not in experiments.KINDS:
@@ -244,13 +228,10 @@ def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
         elif name != "kind":
             is_record = name in _RECORDS and mark(marks, FileMark) is not None
             gap = f"calibration/{GAP}.toml" if is_record else gap_for(info.type)
+            value = f'["{gap}"]' if is_list else f'"{gap}"'
             if typing.get_origin(bare) is Literal and len(typing.get_args(bare)) == 1:
                 yield f"{name} = {typing.get_args(bare)[0]!r}"
             else:
-                yield (
-                    f'{name} = ["{gap}"]  # {describe(info.type)}'
-                    if is_list
-                    else (f'{name} = "{gap}"  # {describe(info.type)}')
-                )
+                yield f"{name} = {value}  # {describe(info.type)}"
     yield from further
     yield from tables

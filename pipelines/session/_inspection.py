@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+import msgspec
 import numpy as np
 import xarray as xr
 
@@ -18,6 +19,7 @@ import instruments
 from labpipe.errors import ConfigError, InputError, LabpipeError, SourceError, SourceWarning, UsageError
 from labpipe.files import files_below, read_dataset, write_bytes
 from labpipe.notebook import html_table
+from labpipe.units import Quantity
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._recognition import alike_unknown, instrument_of, recognise
 
@@ -32,9 +34,6 @@ _KNOWN = (
     "averaging", "layout", "encoding", "delimiter", "decimal",
 )  # fmt: skip
 _SHOWN = 60  # characters of an unknown file
-_MOST = 2000  # files of a folder, of which each is one line
-_QUICK = 16 << 20
-"""Bytes of a file that is read whole for one line; a larger film is only opened."""
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is a problem."""
 
@@ -95,15 +94,7 @@ def inspect(
     Returns
     -------
     Inspected
-        A mapping: ``file``, ``reader``, ``kind``, the properties of that kind, and
-        ``problems``. A table's columns are in ``variables``.
-
-    Raises
-    ------
-    SourceError
-        The file is not known or cannot be read.
-    UsageError
-        The picture is not called .png.
+        A mapping: ``file``, ``reader``, ``kind``, its properties, and ``problems``; of a table, ``variables``.
 
     Examples
     --------
@@ -190,46 +181,34 @@ def _folder(folder: Path) -> dict[str, Any]:
     found = recognise(folder)
     rows: list[dict[str, str]] = []
     problems: dict[str, list[str]] = {}
-    for name in sorted(found.owners)[:_MOST]:
-        row, of_file = _briefly(folder / name)
-        rows.append({"file": name} | row)
-        for problem, path in of_file.items():
-            problems.setdefault(problem, []).append(path.relative_to(folder).as_posix())
+    for name in sorted(found.owners):
+        place = folder / name
+        try:
+            one = describe(place)
+            holds, said = _briefly(one), one["problems"]
+        except (LabpipeError, OSError) as error:
+            one, holds, said = {}, "cannot be read", [getattr(error, "message", "") or str(error)]
+            inner = Path(getattr(error, "path", place))
+            place = inner if inner.is_relative_to(place) else place  # an image of a film
+        reader = one.get("reader") or instrument_of(folder / name) or "calibration"
+        rows.append({"file": name, "reader": reader, "holds": holds})
+        for problem in said:
+            problems.setdefault(problem, []).append(place.relative_to(folder).as_posix())
     for (*_, why), (first, *more) in alike_unknown(found).items():
         others = f" and {len(more)} more beside it" if more else ""
         rows.append({"file": f"{first}{others}", "reader": "", "holds": why})
-    if not found.owners:
-        return {}
-    if len(found.owners) > _MOST:
-        problems[f"{len(found.owners) - _MOST} more files are not shown: name a folder within this one"] = []
     rows.sort(key=lambda row: row["file"])
-    lines = [f"{', '.join(names)}: {text}" if names else text for text, names in problems.items()]
-    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines}
+    lines = [f"{', '.join(names)}: {text}" for text, names in problems.items()]
+    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines} if found.owners else {}
 
 
-def _briefly(file: Path) -> tuple[dict[str, str], dict[str, Path]]:
-    """Return the reader of a file with a line on its content, and its problems with their file.
-
-    A large film is only opened.
-    """
-    name = instrument_of(file) or "calibration"
-    try:
-        if (size := file.stat().st_size) > _QUICK and file.is_file():
-            is_film = instruments.by_name(name).content == "film"
-            with warnings.catch_warnings(record=True, action="always") as caught:
-                _ = instruments.read(file, instrument=name) if is_film else None
-            return {"reader": name, "holds": f"{size >> 20} MB"}, dict.fromkeys(_said(caught), file)
-        found = describe(file)
-    except (LabpipeError, OSError) as error:
-        path = Path(getattr(error, "path", file))
-        place = path if path.is_relative_to(file) else file  # an image of a film
-        return {"reader": name, "holds": "cannot be read"}, {getattr(error, "message", "") or str(error): place}
+def _briefly(found: dict[str, Any]) -> str:
+    """Return a line on the content of a file that was described."""
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
     said += [f"{_span(spans[n])} {unit}" for n, unit in (("temperature", "°C"), ("frequency", "Hz")) if n in spans]
-    if count := len(found["problems"]):
-        said.append(f"{count} problem{'s' * (count > 1)}")
-    return {"reader": found["reader"], "holds": ", ".join(said)}, dict.fromkeys(found["problems"], file)
+    count = len(found["problems"])
+    return ", ".join([*said, *([f"{count} problem{'s' * (count > 1)}"] if count else [])])
 
 
 def _said(caught: list[warnings.WarningMessage]) -> list[str]:
@@ -310,19 +289,14 @@ def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
         problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
     exposure = frames.exposure
     origin = "trigger" if hasattr(frames, "header") else "first image"
-    timing = {
-        "interval": "unknown" if interval is None else f"{interval:.6g} s",
-        "rate": "unknown" if interval is None else f"{1.0 / interval:.6g} Hz",
-        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {origin}",
-    }
-    return {
-        "frames": count,
-        "image": f"{columns} × {rows} px",
-        **(timing if is_timed else {}),
-        "exposure": "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s",
-        "levels": f"{frames.levels[0]:g} black, {frames.levels[1]:g} white",
-        "problems": problems,
-    }
+    found: dict[str, Any] = {"frames": count, "image": f"{columns} × {rows} px"}
+    if is_timed:
+        found["interval"] = "unknown" if interval is None else f"{interval:.6g} s"
+        found["rate"] = "unknown" if interval is None else f"{1.0 / interval:.6g} Hz"
+        found["time"] = f"{time[0]:.6g} … {time[-1]:.6g} s from the {origin}"
+    found["exposure"] = "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s"
+    found["levels"] = f"{frames.levels[0]:g} black, {frames.levels[1]:g} white"
+    return found | {"problems": problems}
 
 
 def _record(file: Path) -> dict[str, Any]:
@@ -339,17 +313,10 @@ def _record(file: Path) -> dict[str, Any]:
         record: Any = load_record(file)
     except LabpipeError as error:
         return head | {"problems": str(error).splitlines()}
-    stated = {
-        name: str(getattr(record, name))
-        for name in ("id", "instrument", "serial", "valid_from", "valid_until", "who", "how")
-        if getattr(record, name, None)
-    }
-    values = {
-        name: show(value)
-        for name in record.values.__struct_fields__
-        if (value := getattr(record.values, name)) is not None and hasattr(value, "si")
-    }
-    return head | {"of": record.kind} | stated | values
+    names = ("id", "instrument", "serial", "valid_from", "valid_until", "who", "how")
+    stated = {name: str(getattr(record, name)) for name in names if getattr(record, name, None)}
+    values = msgspec.structs.asdict(record.values)
+    return head | {"of": record.kind} | stated | {n: show(v) for n, v in values.items() if isinstance(v, Quantity)}
 
 
 _FRAMES = 8  # of a film that are drawn
@@ -358,13 +325,7 @@ _COLUMNS = 6  # of a table that are drawn; more would be too small to read
 
 
 def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = None) -> None:
-    """Draw a film or table of a known instrument and write the picture; options are those of :func:`instruments.read`.
-
-    Raises
-    ------
-    UsageError
-        The target is no .png, or is the source.
-    """
+    """Draw a film or table of a known instrument into a .png; options are those of :func:`instruments.read`."""
     if target.suffix.lower() != ".png":
         raise UsageError(f"{target}: the picture is written as .png; name it so")
     if target.resolve() == source.resolve():
@@ -413,13 +374,13 @@ def _curves(dataset: xr.Dataset) -> Figure:
     columns = [v for v in columns if np.isfinite(v.values).any()][:_COLUMNS]
     if not columns:
         raise InputError("the file holds no column of numbers to draw")
+    x, title = np.arange(longest), str(columns[0].dims[0])
+    # a clock that starts again in every block would lay the blocks over each other
+    if "time" in dataset.variables and dataset["time"].size == longest and (np.diff(dataset["time"]) > 0).all():
+        x, title = dataset["time"].values, "time / s"
     figure = Figure(figsize=(7.0, 1.5 * len(columns) + 0.4), layout="constrained")
-    for place, variable in enumerate(columns):
-        axes = figure.add_subplot(len(columns), 1, place + 1)
-        has_time = "time" in dataset.variables and dataset["time"].dims == variable.dims
-        # A clock that starts again in every block would lay the blocks over each other.
-        has_time = has_time and bool((np.diff(dataset["time"].values) > 0).all())
-        axes.plot(dataset["time"].values if has_time else np.arange(longest), variable.values, linewidth=0.7)
+    for axes, variable in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
+        axes.plot(x, variable.values, linewidth=0.7)
         axes.set_ylabel(f"{variable.name} / {variable.attrs.get('units', '')}")
-    axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
+    axes.set_xlabel(title)
     return figure

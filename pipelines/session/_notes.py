@@ -18,8 +18,8 @@ from labpipe.workflow.fields import suggest
 from pipelines.session._results import load, reopen_session
 
 
-def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: datetime.date | None = None) -> Note:
-    """Append a dated note to an experiment in session.toml; remarks and order of the file stay.
+def note(folder: str | Path, experiment: str, text: str, *, who: str = "") -> Note:
+    """Append a note of today to an experiment in session.toml; remarks and order of the file stay.
 
     Parameters
     ----------
@@ -31,19 +31,10 @@ def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: d
         The note.
     who : str, optional
         Whose note it is; by default the operator of the session.
-    on : date, optional
-        By default today.
 
     Returns
     -------
     Note
-
-    Raises
-    ------
-    UsageError
-        There is no such experiment.
-    InputError
-        The note is empty, or the file is written so that nothing can be appended.
 
     Examples
     --------
@@ -53,7 +44,7 @@ def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: d
     known = [*session.experiments, *session.waiting]
     if experiment not in known:
         raise UsageError(f'no experiment "{experiment}"{suggest(experiment, known)}')
-    made = Note(on=on or datetime.datetime.now().astimezone().date(), text=text.strip(), who=who or session.operator)
+    made = Note(on=datetime.datetime.now().astimezone().date(), text=text.strip(), who=who or session.operator)
     path = Path(folder) / sessions.FILE_NAME
     changed = with_note(path.read_bytes().decode(), experiment, made)
     load(path, text=changed.removeprefix("\ufeff"), may_lack=known)
@@ -62,13 +53,7 @@ def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: d
 
 
 def with_note(text: str, experiment: str, made: Note) -> str:
-    """Return the text of session.toml with a note appended to an experiment.
-
-    Raises
-    ------
-    InputError
-        The note is empty, the text is not TOML, or the table of the experiment takes no note.
-    """
+    """Return the text of session.toml with a note appended to an experiment; InputError where none can be."""
     if not made.text:
         raise InputError("the note is empty")
     values = {"on": made.on} | ({"who": made.who} if made.who else {}) | {"text": made.text}

@@ -28,13 +28,7 @@ _BAND = 2.0  # standard uncertainties, about 95 %
 
 @dataclass(frozen=True, slots=True, repr=False)
 class OpenSession(ShownAsTable):
-    """A session folder to look at from Python; every property shows the folder as it is now.
-
-    Attributes
-    ----------
-    folder : Path
-        The session folder.
-    """
+    """A session folder to look at from Python; every property shows the folder as it is now."""
 
     folder: Path
 
@@ -56,22 +50,7 @@ class OpenSession(ShownAsTable):
     def readings(self, experiment: str) -> dict[str, xr.Dataset | FrameSource]:
         """Read the raw files of an experiment as they were recorded, before any calibration.
 
-        Parameters
-        ----------
-        experiment : str
-            Its name.
-
-        Returns
-        -------
-        dict
-            Name of each instrument file in the session to a Dataset, or to a FrameSource for a film.
-
-        Raises
-        ------
-        UsageError
-            There is no such experiment.
-        LabpipeError
-            A file cannot be read.
+        Returned is, by the name of each instrument file, a Dataset, or a FrameSource for a film.
         """
         import instruments
 
@@ -112,13 +91,6 @@ class OpenSession(ShownAsTable):
         -------
         Axes
             The variable over its dimension, shaded within two standard uncertainties where they are known.
-
-        Raises
-        ------
-        UsageError
-            There is no such experiment, stage or variable; the message names those that there are.
-        InputError
-            The result is out of date, or the variable is not a curve.
         """
         import matplotlib.pyplot as plt
 
@@ -166,14 +138,6 @@ def open_lab_session(folder: str | Path) -> OpenSession:
     Returns
     -------
     OpenSession
-        With ``experiments``, ``verdicts``, ``readings()``, ``results()``, ``result()`` and ``plot()``.
-
-    Raises
-    ------
-    SourceError
-        The folder holds no session.toml.
-    ConfigError
-        No experiment can be processed; every mistake is listed with its line.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import AMENDED, Store, key_of
 from pipelines import experiments
 from pipelines.experiments import Picture
+from pipelines.session._results import key_numbers
 from pipelines.session._session_checks import unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.arrays import Floats
-    from labpipe.report import Block, Cell, LineChart, ScatterChart, Table
+    from labpipe.report import Block, LineChart, Link, Listed, Notice, Picture as Image, ScatterChart, Table
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -35,11 +36,6 @@ BESIDE, AND = "beside-", "--"
 
 _REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
-_ERROR = (
-    "The error is the root mean square of measurement minus model (or film minus laser) over the range of the model "
-    "(or of the laser), for the worst repeat, impact or frequency."
-)
-
 _BY_ITSELF = "By what it records alone: "
 
 
@@ -79,7 +75,7 @@ def pages_together(folder: Path) -> list[tuple[str, str]]:
 
 
 def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str]) -> str:
-    from labpipe.report import Column, Document, Link, Notice, Paragraph, Section, Table
+    from labpipe.report import Document, Link, Listed, Notice, Paragraph, Section
     from pipelines.session._verdict_notices import agreement, as_sentence, belief, each
 
     session = results.plan.session
@@ -91,35 +87,34 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         bad = [name for name, one in own.items() if one.believable != "yes" or one.model == "differs"]
         # those on which others rest come first
         bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
-        answer += each(bad[:_REASONS], own, {})
+        answer += each(bad[:_REASONS], own)
     answer += [Notice("info", as_sentence(note)) for note in notes]
     if (session.folder / COMPARISON_PAGE).is_file():
         remark = "all experiments in one table, as of the last labpipe compare"
         answer.append(Link("Measurement against model", COMPARISON_PAGE, remark))
     answer += [Link(text, name) for text, name in pages_together(session.folder)]
     sections = [Section("Answer", answer)] if answer else []
-    sort, error = "Select a heading to sort. ", _ERROR  # each is said once
-    heads = tuple(map(Column, ("", "Experiment", "State")))
     by_kind: dict[str, list[str]] = {}  # each has key numbers of its own
     for name, experiment in session.experiments.items():
         by_kind.setdefault(experiment.kind, []).append(name)
+    caption = "Select a heading to sort."  # is said once
     for kind, names in by_kind.items():
-        table, pictures = _numbers(results, experiments.KINDS[kind], names)
-        rows = [
-            _row(results, n, cells, pictures[n], verdicts.get(n)) for n, cells in zip(names, table.rows, strict=True)
-        ]
-        can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in table.columns)
-        caption = (sort if can_sort else "") + (error if has_error else "")
-        table = Table((*heads, *table.columns), rows, caption.strip(), sortable=can_sort)
+        rows = [_row(results, name, verdicts.get(name)) for name in names]
+        numbers = [key_numbers(results, name) for name in names]
+        columns = []
+        for title, unit in dict.fromkeys((title, one[title][2]) for one in numbers for title in one):
+            values, us, _ = zip(*(one.get(title, (None, None, "")) for one in numbers), strict=True)
+            columns.append(Listed(title, values, unit, us if any(us) else None))
+        table = experiments_table(rows, columns, caption if len(rows) > 1 else "")
         sections.append(Section(experiments.KINDS[kind].title, (table,)))
-        sort, error = "" if can_sort else sort, "" if has_error else error
+        caption = "" if len(rows) > 1 else caption
     if session.waiting:
-        rows = []
+        waits = []
         for name, lines in session.waiting.items():
             more = f"; and {len(lines) - 1} more" if lines[1:] else ""
-            rows.append((None, Link(name, "", lines[0] + more), Notice("info", "waits")))
+            waits.append((None, Link(name, "", lines[0] + more), Notice("info", "waits")))
         caption = "Not processed until the lines that are named here are filled in or corrected."
-        sections.append(Section("Waiting", (Table(heads, rows, caption, sortable=len(rows) > 1),)))
+        sections.append(Section("Waiting", (experiments_table(waits, (), caption),)))
     if session.notes:
         sections.append(Section("Session", (Paragraph(session.notes),)))
     unfinished = {row.experiment for row in results.plan.rows if row.state not in READY}
@@ -129,49 +124,25 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     return Document(session.title, about, "synthetic data" if session.synthetic else "", tuple(sections)).render()
 
 
-def _numbers(results: Results, kind: experiments.Kind, names: Sequence[str]) -> "tuple[Table, dict[str, bytes | None]]":
-    """Return the numbers of experiments of a kind, under headings that at least one of them has, and their pictures."""
-    import numpy as np
+def experiments_table(
+    entries: "Sequence[tuple[Any, Link, Notice]]", columns: "Sequence[Listed]", caption: str
+) -> "Table":
+    """Make a table of experiments: picture, link and state of each, then columns of its numbers."""
+    from labpipe.report import Column, Table, listed
 
-    from labpipe.report import Listed, listed, thumbnail
-
-    store, keys = Store(results.plan.session.folder), results.plan.keys
-    headings = [("error", "1", 2), *((n.title, n.unit, 4) for n in kind.key_numbers), ("warnings", "", 4)]
-    found: list[list[tuple[Cell, float | None]]] = []
-    pictures: dict[str, bytes | None] = {}
-    for name in names:
-        read = cache(partial(results.first, name))  # one result holds several numbers
-        comparison = read("comparison")
-        has_error = comparison is not None and kind.error in comparison
-        errors: Any = comparison[kind.error].values.ravel() if comparison is not None and has_error else ()
-        worst = max((float(error) for error in errors if np.isfinite(error)), default=None)
-        pairs = (None if (made := read(n.stage)) is None else n.within(made) for n in kind.key_numbers)
-        records = [store.record(key) for row in results.plan.rows if row.experiment == name
-                   and (key := keys[row.task].value) is not None]  # fmt: skip
-        warned = sum(len(record.warnings) for record in records if record is not None)
-        found.append([(worst, None), *(pair or (None, None) for pair in pairs), (warned, None)])
-        chart = None if kind.picture is None else _chart(read(kind.picture.stage), kind.picture)
-        pictures[name] = None if chart is None else thumbnail(chart)
-    columns = []
-    for (title, unit, digits), column in zip(headings, zip(*found, strict=True), strict=True):
-        values, u = zip(*column, strict=True)
-        if any(value is not None for value in values):
-            columns.append(Listed(title, values, unit, u if any(u) else None, digits))
-    return listed(columns), pictures
+    table = listed(columns)
+    rows = [(*entry, *cells) for entry, cells in zip_longest(entries, table.rows, fillvalue=())]
+    return Table((*map(Column, ("", "Experiment", "State")), *table.columns), rows, caption, sortable=len(rows) > 1)
 
 
-def _row(
-    results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: Verdict | None
-) -> "tuple[Cell, ...]":
-    from labpipe.report import Level, Link, Notice, Picture
+def _row(results: Results, name: str, verdict: Verdict | None) -> "tuple[Image | None, Link, Notice]":
+    from labpipe.report import Level, Link, Notice, Picture, thumbnail
     from pipelines.session._verdict_notices import judgement
 
-    plan = results.plan
+    plan, experiment = results.plan, results.experiments[name]
     rows = [row for row in plan.rows if row.experiment == name]
     has_page = (plan.session.folder / page_name(name)).is_file()
-    waiting = [row for row in rows if row.state not in READY]
-    kept = sum(row.state == KEPT for row in rows)
-    base = plan.session.experiments[name].base
+    waiting, kept = [row for row in rows if row.state not in READY], sum(row.state == KEPT for row in rows)
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     level: Level
     state, level = judgement(verdict.believable, verdict.model) if verdict else ("done", "ok")
@@ -187,9 +158,11 @@ def _row(
         state, level = "not processed", "info"
     elif kept:
         state, level = f"{state}, {kept} results of earlier code", "warning" if level == "ok" else level
-    remark = "; ".join(text for text in (f"variant of {base}" if base else "", unreadable) if text)
+    remark = "; ".join(filter(None, (experiment.base and f"variant of {experiment.base}", unreadable)))
     link = Link(name, page_name(name) if has_page else "", remark)
-    return None if picture is None else Picture(picture, ""), link, Notice(level, state), *cells
+    source = experiments.KINDS[experiment.kind].picture
+    chart = None if source is None else _chart(results.first(name, source.stage), source)
+    return None if chart is None else Picture(thumbnail(chart), ""), link, Notice(level, state)
 
 
 def curve(dataset: "xr.Dataset | None", source: Picture) -> "tuple[Floats, Floats] | None":
@@ -226,9 +199,6 @@ def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | Scatte
     loops = [values[:, np.isfinite(values.sum(0))] for values in np.stack([dataset[source.x], dataset[source.y]], 1)]
     series = [Series(str(i), *loop) for i, loop in enumerate(loops) if loop.size]
     return ScatterChart("", source.x, source.y, series) if series else None
-
-
-# --- pages of experiments ---
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:

@@ -1,20 +1,27 @@
-"""The verbs that process a session: plan, process, judge, compare, watch, and show its reports."""
+"""The verbs that process a session: plan, process, judge, watch, and show its reports."""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import re
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
-from labpipe.errors import InputError, LabpipeError
-from labpipe.workflow.plan import Plan, plan as make_plan
+from labpipe import files
+from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.workflow.document import parse
+from labpipe.workflow.exclusions import concerning, files_of
+from labpipe.workflow.graph import FILE
+from labpipe.workflow.plan import Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
-from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
-from pipelines.experiments import JUDGEMENT, KINDS, Derived
-from pipelines.session._overview import COMPARISON_PAGE, write_overview
+from pipelines.experiments import KINDS, Derived, function
+from pipelines.session._overview import write_overview
 from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, load, needed, opened, reopen_session
 from pipelines.session._stated import fill
 
@@ -22,9 +29,12 @@ if TYPE_CHECKING:
     from labpipe.report import Report
     from labpipe.workflow.results import Event, RunResult
     from labpipe.workflow.runner import Options
-    from pipelines.experiments.shared.comparison_rows import Row
-    from pipelines.session._comparison import Comparison
     from pipelines.session._verdicts import Verdicts
+
+_HEAD = re.compile(r"^[ \t]*\[[ \t]*session[ \t]*\][^\n]*\n", re.MULTILINE)
+_PNG_END = b"IEND\xaeB`\x82"
+_READINGS = "readings"
+"""Name of the stage that reads one file of an experiment, with the options in its settings."""
 
 
 def plan(
@@ -39,26 +49,13 @@ def plan(
 
     Parameters
     ----------
-    folder : path-like
-        The session folder.
-    targets, only : str or iterable of str, optional
-        Stages and experiments that are wanted; all by default.
-    full : bool
-        Plan for a run without shortcuts.
-    keep : bool or None
-        Take results of earlier code as they are; with None, those that an earlier run took.
+    folder, targets, only, full, keep
+        As of :func:`process`.
 
     Returns
     -------
     Plan
         One row per step: up to date, or to be run and why.
-
-    Raises
-    ------
-    UsageError
-        A stage or an experiment is unknown.
-    ConfigError, SourceError
-        The session cannot be opened.
 
     Examples
     --------
@@ -91,31 +88,20 @@ def process(
     jobs : int
         Experiments computed side by side; 0 computes in this process.
     cluster : str, optional
-        Address of a Dask scheduler, ``tcp://host:port``, whose workers compute instead; the
-        session must lie under the same path for all of them.
+        Address of a Dask scheduler, ``tcp://host:port``, whose workers compute instead, under the same paths.
     full : bool
         Without the shortcuts that skip parts that a scene does not need.
     keep : bool or None
-        Take results of earlier code as they are where nothing else has changed, and say so on
-        every page; with None, those that an earlier run took. By default all is made again.
+        Take results of earlier code as they are, and say so on every page; with None, those that an earlier run took.
     out : path-like, optional
-        A work folder for the results of a session in which nothing may be written. It is made, names the session,
-        and is taken in the session's place from then on.
+        A work folder for the results of a session in which nothing may be written; taken in its place from then on.
     progress : callable, optional
         Called with every event of the run.
 
     Returns
     -------
     RunResult
-        Outcome of every task, the ledger, and the reports by experiment. The page of the whole
-        session is ``FOLDER/labpipe/index.html``.
-
-    Raises
-    ------
-    UsageError
-        A stage or an experiment is unknown.
-    ConfigError, SourceError
-        The session cannot be opened; an experiment that fails is in the result instead.
+        Outcome of every task, and the reports by experiment. The page of all is ``FOLDER/labpipe/index.html``.
 
     Examples
     --------
@@ -125,8 +111,6 @@ def process(
     options: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
     options |= {"jobs": jobs, "cluster": cluster}
     if out is not None:
-        from pipelines.session._elsewhere import work_folder
-
         folder = work_folder(folder, out)
     ((_, done),) = process_all([folder], **options)
     if isinstance(done, LabpipeError):
@@ -134,27 +118,38 @@ def process(
     return done
 
 
+def work_folder(session: str | Path, out: str | Path) -> Path:
+    """Make a folder for the results of a session in which nothing may be written; return it.
+
+    It holds a copy of ``session.toml`` that names the session (``files`` in ``[session]``), and is taken by every
+    command and function in the session's place. A folder that is there already is used as it is: its copy may have
+    been changed.
+    """
+    source, target = Path(session).resolve(), Path(out).resolve()
+    original = source / FILE_NAME
+    if not original.is_file():
+        raise SourceError(original, "there is no such file", hint="Name the folder of a session.")
+    if target.is_relative_to(source):
+        raise UsageError(f"--out {out} lies in the session; name a folder outside it, or leave out --out")
+    copy = target / FILE_NAME
+    if copy.is_file():
+        known = parse(copy).tree.get("session", {}).get("files", "")
+        if not known or (target / known).resolve() != source:
+            raise UsageError(f"--out {out}: its {FILE_NAME} is of {known or 'a session itself'}; name another folder")
+        return target
+    text = original.read_text("utf-8-sig")
+    line = f"files = {json.dumps(source.as_posix(), ensure_ascii=False)}  # raw files and records: only read\n"
+    changed, count = _HEAD.subn(lambda found: found[0] + line, text, count=1)
+    files.write_text(copy, changed if count else f"{text.rstrip()}\n\n[session]\n{line}")
+    return target
+
+
 def process_all(
     folders: Iterable[str | Path], **options: Unpack[Options]
 ) -> Generator[tuple[Path, RunResult | LabpipeError]]:
-    """Process many sessions, their experiments side by side.
+    """Process many sessions, their experiments side by side; options are those of :func:`process`.
 
-    Parameters
-    ----------
-    folders : iterable of path-like
-        Session folders; each is opened when there is room for its experiments.
-    **options
-        See :func:`process`.
-
-    Yields
-    ------
-    tuple
-        A folder, and how its run ended or why it cannot be processed; the others go on.
-
-    Examples
-    --------
-    >>> for folder, done in process_all(["monday", "tuesday"], jobs=4):  # doctest: +SKIP
-    ...     print(folder, done)
+    Yields a folder, and how its run ended or why it cannot be processed; the others go on.
     """
     from labpipe.workflow.runner import run_all
 
@@ -180,96 +175,13 @@ def process_all(
 
 
 def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived]], *, jobs: int = 1) -> Results:
-    """Process the steps behind values derived from experiments, and open the results.
-
-    Raises
-    ------
-    InputError
-        A step behind them failed.
-    """
+    """Process the steps behind values derived from experiments, and open the results; a failure is an InputError."""
     session = reopen_session(folder)
     targets = [target for experiment, derived in wanted for target in needed(session, experiment, derived)]
     run = process(folder, targets, {target.split("/")[0] for target in targets}, jobs=jobs, keep=None)
     for outcome in run.failures:
         raise InputError(f"{outcome.task}: {outcome.message}")
     return opened(folder)
-
-
-def compare(
-    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
-) -> Comparison:
-    """Compare measurement and model of every experiment of a session, on one page.
-
-    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    jobs : int
-        Experiments processed side by side.
-    keep : bool or None
-        Take results of earlier code as they are; by default those that an earlier run took.
-    progress : callable, optional
-        Called with every event of the processing.
-
-    Returns
-    -------
-    Comparison
-        Rows with the measured and the simulated value of each quantity, and the page.
-
-    Raises
-    ------
-    ConfigError, SourceError
-        The session cannot be opened.
-
-    Examples
-    --------
-    >>> for row in compare("my-session").rows:  # doctest: +SKIP
-    ...     print(row.experiment, row.quantity, row.measured, row.model)
-    """
-    from labpipe import files
-    from pipelines.experiments.shared import judgements
-    from pipelines.session._comparison import Comparison, compared, render
-    from pipelines.session._verdicts import stored_verdicts
-
-    session = reopen_session(folder)
-    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
-    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
-    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
-    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
-    names = {target.split("/")[0] for target in wanted}
-    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
-    results = opened(folder)
-    verdicts = stored_verdicts(results)
-    failed: dict[str, str] = {}
-    for outcome in run.failures if run else ():
-        name = outcome.task.experiment
-        likely = verdicts[name].cause if name in verdicts else ""
-        cause = f". Likely: {likely}" if likely else ""
-        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
-    rows: list[Row] = []
-    absent: dict[str, str] = {}
-    for name, experiment in session.experiments.items():
-        if name not in able:
-            absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
-        elif name not in failed:
-            tasks = [task for task in results.plan.tasks if task.experiment == name]
-            kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
-            own = [replace(row, kept=kept) for row in compared(results, name) or []]
-            rows += own
-            if not own:
-                absent[name] = "it has no model: session.toml names nothing to simulate"
-    whole = [
-        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
-        | judgements.compared(results.result(name, JUDGEMENT))
-        for name in judged
-        if name not in failed
-    ]
-    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
-    files.write_text(found.page, render(session, found))
-    write_overview(session, STAGES)
-    return found
 
 
 def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
@@ -318,7 +230,6 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     >>> for news in watch("my-session").look():  # doctest: +SKIP
     ...     print(news.experiment, news.state, news.text)
     """
-    from pipelines.session._arrivals import missing_part
 
     def run_one(session: Session, name: str) -> RunResult:
         from labpipe.workflow.runner import run
@@ -327,7 +238,40 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
         _finish(load(session.root, may_wait=True), done, None)
         return done
 
-    return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, Settling(looks), fill=fill)
+    return Watcher(Path(folder), SETTINGS, STAGES, _missing_part, run_one, Settling(looks), fill=fill)
+
+
+def _missing_part(experiment: Experiment, path: Path) -> str | None:
+    """Return the missing part of a file that has stopped growing, or None when it is complete.
+
+    A copy may pause for longer than anybody waits, and every format says in its own way how much there should be (a
+    number of rows, an end mark, a table of frames), so the file is read as the analysis would read it.
+    """
+    import xarray as xr
+
+    import instruments
+
+    if path.suffix.lower() == ".png":
+        return None if path.read_bytes().endswith(_PNG_END) else f"{path}: the picture has no end"
+    try:
+        with warnings.catch_warnings(action="ignore"):  # shown when the file is processed
+            if path.suffix.lower() == ".toml":
+                parse(path)
+                return None
+            own = [
+                (field, name) for field, name in files_of(experiment.settings) if path.as_posix().endswith(f"/{name}")
+            ]
+            name, inputs = own[0][1] if own else "", {f"{FILE}{field.partition('[')[0]}" for field, _ in own}
+            stages = (s for s in KINDS[experiment.kind].stages if s.name == _READINGS and len(s.inputs) == 1)
+            reader: Any = next((function(s.function) for s in stages if s.inputs[0] in inputs), None)
+            settings = concerning(experiment.settings, [name])
+            found: Any = reader(path, settings=settings) if reader else instruments.read(path)
+    except LabpipeError as error:
+        return str(error)
+    if isinstance(found, xr.Dataset):
+        return None
+    absent = int((~found.valid).sum())
+    return f"{path}: {absent} of {len(found)} frames are not there" if absent else None
 
 
 def report(folder: str | Path, experiment: str) -> Report:
@@ -345,17 +289,11 @@ def report(folder: str | Path, experiment: str) -> Report:
     Report
         ``path`` is the page, ``html`` its text.
 
-    Raises
-    ------
-    InputError
-        There is none yet.
-
     Examples
     --------
     >>> report("my-session", "acrylic_7mm")  # doctest: +SKIP
     """
     from labpipe.report import Report
-    from labpipe.workflow.plan import page_name
 
     session = reopen_session(folder)
     path = session.folder / page_name(experiment)
@@ -375,11 +313,8 @@ def verdict(
     ----------
     folder : path-like
         The session folder; results that it lacks are processed first.
-    targets, only : str or iterable of str, optional
-        Stages and experiments that are wanted; all by default. With stages, the measurement is
-        judged by the results that there are.
-    jobs : int
-        Experiments computed side by side.
+    targets, only, jobs
+        As of :func:`process`. With stages, the measurement is judged by the results that there are.
 
     Returns
     -------

@@ -16,7 +16,7 @@ import instruments
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.files import printable
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
 from pipelines.experiments.shared.proposals import GAP, identifier, quoted
@@ -24,12 +24,11 @@ from pipelines.session._gaps import Gap, filled, template_of
 from pipelines.session._recognition import LOOSE, alike_unknown, recognise, remedy, unreadable, why_unknown
 
 
-@dataclass(frozen=True, slots=True)
-class Scan:
+@dataclass(frozen=True, slots=True, repr=False)
+class Scan(ShownAsTable):
     """The file that :func:`init` wrote, its experiments, and the values to fill in.
 
-    ``records`` are calibration records that were proposed; ``unused`` names files of a known
-    instrument that no proposed experiment takes.
+    ``records`` are calibration records that were proposed; ``unused`` names files that no proposed experiment takes.
     """
 
     path: Path
@@ -38,19 +37,12 @@ class Scan:
     records: list[Path]
     unused: list[str]
 
-    def __repr__(self) -> str:
-        return text_table(self._caption, [(name,) for name in self.experiments])
-
-    def _repr_html_(self) -> str:
-        rows = [("experiment", name) for name in self.experiments]
-        rows += [("to fill in", line) for line in self.gaps]
-        rows += [("not used", line) for line in self.unused]
-        return html_table(self._caption, ("", ""), rows)
-
-    @property
-    def _caption(self) -> str:
+    def _shown(self) -> Shown:
+        parts = {"experiment": self.experiments, "to fill in": self.gaps, "not used": self.unused}
+        rows = [(title, text) for title, texts in parts.items() for text in texts]
         n, missing = len(self.experiments), len(self.gaps)
-        return f"{self.path}: {n} experiment{'s' * (n != 1)}, {missing} value{'s' * (missing != 1)} to fill in"
+        caption = f"{self.path}: {n} experiment{'s' * (n != 1)}, {missing} value{'s' * (missing != 1)} to fill in"
+        return Shown(caption, ("", ""), rows)
 
 
 def init(
@@ -71,26 +63,17 @@ def init(
     ask : callable, optional
         Returns the answer to a question that no file answers, or None to leave it open.
     template : iterable of str
-        Kinds of experiment to write down with every value still to come, instead of a scan; for a
-        session that is to be recorded, whose folder is made where it is not there.
+        Kinds of experiment to write down with every value still to come, instead of a scan; FOLDER is made if need be.
 
     Returns
     -------
     Scan
         The file, its experiments, and the values to fill in.
 
-    Raises
-    ------
-    UsageError
-        There is a session.toml, there is no such folder or it holds no file of a known instrument, or there
-        is no such kind.
-
     Examples
     --------
-    >>> init("my-session")  # doctest: +SKIP
-    my-session/session.toml: 2 experiments, 3 values to fill in
-      acrylic_7mm
-      nbr_hold
+    >>> init("my-session").experiments  # doctest: +SKIP
+    ['acrylic_7mm', 'nbr_hold']
     """
     folder = Path(folder)
     path = folder / FILE_NAME
@@ -107,8 +90,8 @@ def init(
         for number, line in enumerate(content.splitlines(), 1)
         if GAP in line and not line.lstrip().startswith("#")
     ]
-    records = [folder / name for name in made.written[1:]]
-    return Scan(path, made.experiments, gaps, records, _left_over(made.found, made.texts[FILE_NAME]))
+    unused = _left_over(made.found, made.texts[FILE_NAME])
+    return Scan(path, made.experiments, gaps, [folder / name for name in made.written[1:]], unused)
 
 
 @dataclass(frozen=True, slots=True)

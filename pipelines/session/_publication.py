@@ -1,9 +1,9 @@
 """A processed session as a data package for a journal or a repository: an RO-Crate with checksums.
 
 It holds ``data`` (``session.toml`` and every file that it names), ``results`` (netCDF of the CF conventions, and a
-table of all quantities), ``pages``, ``figures`` where they are given, ``methods.md``, ``references.bib``,
-``requirements.txt`` (a lock of the environment), ``ro-crate-metadata.json``, and ``SHA256SUMS``, which
-``sha256sum --check`` reads. S. Soiland-Reyes et al., Data Science 5 (2022) 97, https://doi.org/10.3233/DS-210053.
+table of all quantities), ``pages``, ``methods.md``, ``references.bib``, ``requirements.txt`` (a lock of the
+environment), ``ro-crate-metadata.json``, and ``SHA256SUMS``, which ``sha256sum --check`` reads.
+S. Soiland-Reyes et al., Data Science 5 (2022) 97, https://doi.org/10.3233/DS-210053.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labpipe import files, installation
 from labpipe.errors import ConfigError, InputError, SourceError, StoreError, UsageError
@@ -34,7 +34,7 @@ from pipelines.experiments.shared.pages import LIMITS
 from pipelines.session._export import Writer, export, export_results, export_table
 from pipelines.session._overview import COMPARISON_PAGE, PAGE
 from pipelines.session._processing import process
-from pipelines.session._results import opened, reopen_session
+from pipelines.session._results import STAGES, opened, reopen_session
 from pipelines.session._session_checks import named_files
 
 if TYPE_CHECKING:
@@ -47,7 +47,6 @@ _CONTENT = {
     DATA: "raw files, calibration records, session.toml",
     RESULTS: "results in SI; u_x is the standard uncertainty of x",
     "pages": "reports",
-    "figures": "figures and their numbers",
 }
 _CODES = ("utf-8", "latin-1", "utf-16-le")
 _TYPES = {".nc": "application/netcdf", ".md": "text/markdown", ".bib": "application/x-bibtex", ".toml": "text/toml"}
@@ -73,7 +72,6 @@ def publish(
     out: str | Path,
     *,
     anonymous: bool = False,
-    figures: str | Path | None = None,
     jobs: int = 1,
     progress: Callable[[Event], None] | None = None,
 ) -> Published:
@@ -88,12 +86,8 @@ def publish(
     anonymous : bool
         For a blind review: leave out operator, creators and paths of this machine. They are struck from the copies
         of raw files too, from which all is processed again.
-    figures : path-like, optional
-        A folder that ``labpipe figures --data`` wrote, to be included.
-    jobs : int
-        Experiments processed side by side.
-    progress : callable, optional
-        Called with every event of the run.
+    jobs, progress
+        As of :func:`labpipe.process`.
 
     Returns
     -------
@@ -118,14 +112,10 @@ def publish(
         raise UsageError("publishing needs the library rocrate; run: pip install 'labpipe[publish]'")
     if place.exists() or place.resolve().is_relative_to(found.root):
         raise UsageError(f"{out} exists already, or is inside the session; name a folder that is to be made elsewhere")
-    if figures is not None and not files.files_below(Path(figures)):
-        raise UsageError(f"{figures} holds no figures; draw them with: labpipe figures --data --out {figures}")
     place.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".publish-", dir=place.parent) as scratch:
         folder = Path(scratch) / "package"
         _copy(found, folder / DATA)
-        if figures is not None:
-            shutil.copytree(figures, folder / "figures")
         if anonymous:
             struck = _strike(found, folder)
             found = reopen_session(folder / DATA)
@@ -141,9 +131,9 @@ def publish(
             shutil.rmtree(found.folder)
         _write_texts(found, folder)
         _write_crate(found, folder)
-        digests = {p.relative_to(folder).as_posix(): files.digest(p) for p in files.files_below(folder)}
-        files.write_text(folder / SUMS, "".join(f"{digest}  {name}\n" for name, digest in digests.items()))
-        sizes = {name: (folder / name).stat().st_size for name in (*digests, SUMS)}
+        held = {p.relative_to(folder).as_posix(): p for p in files.files_below(folder)}
+        files.write_text(folder / SUMS, "".join(f"{files.digest(p)}  {name}\n" for name, p in held.items()))
+        sizes = {name: (folder / name).stat().st_size for name in (*held, SUMS)}
         folder.rename(place)
     left_out = [f"{one.task}: {one.message}" for one in run.failures] + writer.left_out
     left_out += [f"{name} waits: {lines[0]}" for name, lines in found.waiting.items()]
@@ -192,11 +182,6 @@ def _strike(session: Session, folder: Path) -> list[str]:
 
     Lines and places keep their numbers: operator and creators are blank lines of session.toml. Initials are not looked
     for elsewhere: a film holds any three bytes by chance.
-
-    Raises
-    ------
-    ConfigError
-        A file has a person's name.
     """
     of_persons = [text or "" for one in session.creators for text in (one.name, one.orcid, one.affiliation)]
     wanted = {session.operator, *of_persons, str(session.root), f"{Path.home()}/"}
@@ -254,9 +239,8 @@ def _write_crate(session: Session, folder: Path) -> None:
     crate.license = entity(address, "CreativeWork", name=session.licence, description=f"licence {session.licence}")
     people = []
     for i, one in enumerate(session.creators):
-        person: dict[str, Any] = {"name": one.name}
-        if one.affiliation:
-            person["affiliation"] = {"@id": entity(f"#affiliation-{i}", "Organization", name=one.affiliation).id}
+        of = entity(f"#affiliation-{i}", "Organization", name=one.affiliation) if one.affiliation else None
+        person = {"name": one.name} | ({"affiliation": {"@id": of.id}} if of is not None else {})
         name = f"https://orcid.org/{one.orcid}" if one.orcid else f"#creator-{i}"
         people.append(crate.add(Person(crate, name, properties=person)))
     for role in ("author", "creator") if people else ():  # repositories read either
@@ -279,6 +263,54 @@ def _write_crate(session: Session, folder: Path) -> None:
         raise InputError(f"the library rocrate does not read back {', '.join(lost)}; rename the file")
 
 
+def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = ".") -> Path:
+    """Write pages, results, settings and calibration records of a session into one zip to be mailed.
+
+    Results are one workbook of quantities and csv of the curves; those of single recordings (readings, displacement,
+    ...) are left out for their size.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; nothing is processed.
+    out : path-like, optional
+        The file; default ``SESSION/labpipe/NAME.zip``.
+    decimal : {".", ","}
+        Decimal sign of the csv; with a comma, semicolons separate the columns.
+
+    Returns
+    -------
+    Path
+
+    Examples
+    --------
+    >>> bundle("my-session", decimal=",")  # doctest: +SKIP
+    """
+    session = reopen_session(folder)
+    pages = [p for p in sorted(session.folder.rglob("*.html")) if "store" not in p.relative_to(session.folder).parts]
+    if not pages:
+        raise InputError(f"{session.root}: there is no page yet; run: labpipe process {session.root}")
+    name = session.root.name
+    path = session.folder / f"{name}.zip" if out is None else Path(out)
+    stages = [s for one in session.experiments.values() for s in STAGES[one.kind]]
+    whole = {s.name for s in stages if s.output == "dataset"} - {s.name for s in stages if s.per != "experiment"}
+    held = {FILE_NAME: session.path(FILE_NAME)}
+    for record in dict.fromkeys(one.name for one in named_files(session) if one.name.endswith(".toml")):
+        if session.path(record).is_file():  # one may lie above the session
+            held["/".join(part for part in Path(record).parts if part != "..")] = session.path(record)
+    held |= {f"labpipe/{page.relative_to(session.folder).as_posix()}": page for page in pages}
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch) / name
+        export(folder, "xlsx", out=place / RESULTS)
+        export(folder, "csv", stages=whole, out=place / RESULTS, decimal=decimal)
+        for inside, source in held.items():
+            (place / inside).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, place / inside)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        files.write_bytes(path, Path(shutil.make_archive(f"{scratch}/bundle", "zip", scratch, name)).read_bytes())
+    return path
+
+
 _SOURCES = Path(installation.__file__).parent / "documentation/references.bib"
 
 
@@ -293,13 +325,7 @@ def cite(session: str | Path | None = None) -> str:
     Returns
     -------
     str
-        BibTeX entries of labpipe in this version and of the guides to uncertainty; with a session, of its methods
-        and their standards too.
-
-    Raises
-    ------
-    SourceError, ConfigError
-        The session cannot be opened.
+        BibTeX entries of labpipe in this version and of the guides to uncertainty, and of the session's methods.
 
     Examples
     --------
@@ -312,11 +338,12 @@ def cite(session: str | Path | None = None) -> str:
     return "\n\n".join(f"{entry}\n}}" for entry, words in entries if wanted & set(words.split(", "))) + "\n"
 
 
-_PART_OF_U = 0.01  # of a standard uncertainty: no difference that matters
+_TOLERANCE, _PART_OF_U = 1e-6, 0.01
+"""Differences that do not matter: of the largest value of a variable, as other processors and libraries round
+differently, and of its standard uncertainty."""
 
 
-@dataclass(frozen=True, slots=True)
-class Compared:
+class Compared(NamedTuple):
     """One published result and the same made again; ``differs`` names the variables that do not agree.
 
     ``deviation`` is the largest difference of a variable relative to its largest value.
@@ -334,7 +361,7 @@ class Verified:
     folder: Path
     files: int
     results: tuple[Compared, ...]
-    tolerance: float
+    tolerance: float = _TOLERANCE
 
     @property
     def differing(self) -> tuple[Compared, ...]:
@@ -350,22 +377,15 @@ class Verified:
         return "\n".join([*lines, f"{agree} ({limit})"])
 
 
-def verify(
-    folder: str | Path, *, tolerance: float = 1e-6, jobs: int = 1, progress: Callable[[Event], None] | None = None
-) -> Verified:
+def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], None] | None = None) -> Verified:
     """Check a published package: its checksums, and its numbers by processing its raw files again.
 
     Parameters
     ----------
     folder : path-like
         A folder that :func:`publish` made; it is not changed.
-    tolerance : float
-        Difference that agrees, relative to the largest value of a variable; one of a hundredth of the standard
-        uncertainty agrees too. Other processors and libraries round differently.
-    jobs : int
-        Experiments processed side by side.
-    progress : callable, optional
-        Called with every event of the run.
+    jobs, progress
+        As of :func:`labpipe.process`.
 
     Returns
     -------
@@ -373,12 +393,8 @@ def verify(
 
     Raises
     ------
-    SourceError
-        The folder is no published package.
     StoreError
         Files are missing or were changed since; they are named.
-    StorageError
-        There is no space for a second set of results.
 
     Examples
     --------
@@ -406,11 +422,11 @@ def verify(
         with contextlib.suppress(InputError):  # nothing came out: every result differs
             export(session, "nc", out=made)
         published = sorted((place / RESULTS).glob("*.nc"))
-        found = tuple(_compare(path, made / path.name, tolerance) for path in published)
-    return Verified(place, len(stated), found, tolerance)
+        found = tuple(_compare(path, made / path.name) for path in published)
+    return Verified(place, len(stated), found)
 
 
-def _compare(published: Path, made: Path, tolerance: float) -> Compared:
+def _compare(published: Path, made: Path) -> Compared:
     """Compare two results variable by variable; one that was not made again differs as a whole."""
     import numpy as np
 
@@ -425,7 +441,7 @@ def _compare(published: Path, made: Path, tolerance: float) -> Compared:
             continue
         largest = float(np.max(np.abs(old), initial=0.0, where=np.isfinite(old)))
         u = before[f"u_{name}"].values if f"u_{name}" in before else np.zeros(())
-        allowed = np.fmax(tolerance * largest, _PART_OF_U * u if u.shape == old.shape else 0.0)
+        allowed = np.fmax(_TOLERANCE * largest, _PART_OF_U * u if u.shape == old.shape else 0.0)
         differs += [] if np.isclose(new, old, rtol=0.0, atol=allowed, equal_nan=True).all() else [name]
         is_known = np.isfinite(old) & np.isfinite(new)
         worst = max(worst, float(np.max(np.abs(new - old), initial=0.0, where=is_known)) / (largest or 1.0))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import re
 import tomllib
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Set
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import instruments
 from instruments import photron
@@ -42,7 +41,6 @@ _FRAMES = {".png", ".tif", ".tiff", ".bmp"}
 _PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
 _COPY = re.compile(r"kopie|cop(?:y|ie)|backup|sicherung|\bold\b|\balt\b|\(\d+\)", re.IGNORECASE)
 _BEGIN = 1 << 20  # bytes in which most films differ
-_MOST = 5000  # entries of a survey; more would be nobody's list
 
 
 def recognise(folder: Path) -> Found:
@@ -55,25 +53,20 @@ def recognise(folder: Path) -> Found:
     unknown, copies = list[str](), dict[str, str]()
     below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
     whole = {place: name for place in sorted(below) if (name := instrument_of(place)) is not None}
-    for path in _candidates(folder):
+    for path in (path for path in _candidates(folder) if path.parent not in whole):
         name, sort = path.relative_to(folder).as_posix(), None
-        if path.parent in whole:
-            continue
         if not (_leads_out(path, folder) or name_problem(name) or _is_loose_frame(folder, name)):
             sort = _sort_of(path)
-        if sort == "photron" and path.suffix.lower() != ".mraw" and photron.frames_of(path) is not None:
-            continue  # its frames stand for the film
         if sort is None:
             unknown.append(name)
-        else:
-            found.setdefault(sort, []).append(name)
+        elif sort != "photron" or path.suffix.lower() == ".mraw" or photron.frames_of(path) is None:
+            found.setdefault(sort, []).append(name)  # the frames of a Photron film stand for it
             owners[name] = (sort.replace("_", " "), "no experiment names it")
     for each in instruments.known():
         own = copies_among(folder, found.get(each.name, []))
         kept = [name for name in found.get(each.name, []) if name not in own]
         kept += [p.relative_to(folder).as_posix() for p, name in whole.items() if name == each.name]
-        if kept:
-            found[each.name] = kept
+        found |= {each.name: kept} if kept else {}
         if kept and not each.unproposed:
             found[each.content] = [*found.get(each.content, []), *kept]
         able = [f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and each.content in k.proposal.contents]
@@ -106,38 +99,20 @@ def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]
 def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Find files of a folder with equal content: every copy to the file that counts as the first.
 
-    That is the one whose name does not speak of a copy, then the one in the folder with most different recordings,
-    where its repeats are, then the one with the shorter path.
+    That is the one whose name does not speak of a copy, then the one with the shorter path.
     """
 
     def begin(name: str) -> str:
         with (folder / name).open("rb") as stream:
             return hashlib.sha256(stream.read(_BEGIN)).hexdigest()
 
-    def size(name: str) -> int:
-        return (folder / name).stat().st_size
-
-    def whole(name: str) -> str:
-        return files.digest(folder / name)
-
-    groups = [list(names)]
-    different = Counter(Path(name).parent for name in groups[0])
-    traits: tuple[Callable[[str], Any], ...] = (size, begin, whole)
+    traits: tuple[Callable[[str], Any], ...]
+    traits = lambda n: (folder / n).stat().st_size, begin, lambda n: files.digest(folder / n)
+    groups = [sorted(names, key=lambda n: (bool(_COPY.search(n)), n.count("/"), len(n), n))]
     for trait in traits:  # each is asked only of files that are alike so far
-        split: dict[tuple[int, Any], list[str]] = {}
-        for i, name in ((i, name) for i, group in enumerate(groups) if len(group) > 1 for name in group):
-            split.setdefault((i, trait(name)), []).append(name)
-        groups = [alike for alike in split.values() if len(alike) > 1]
-    for equal in groups:
-        here = Counter(Path(name).parent for name in equal)
-        different -= here - Counter(here.keys())
-    copies: dict[str, str] = {}
-    for equal in groups:
-        first, *others = sorted(
-            equal, key=lambda n: (bool(_COPY.search(n)), -different[Path(n).parent], n.count("/"), len(n), n)
-        )
-        copies |= dict.fromkeys(others, first)
-    return copies
+        known = [sorted(((trait(n), i, n) for i, n in enumerate(group))) for group in groups if len(group) > 1]
+        groups = [[n for *_, n in alike] for one in known for _, alike in groupby(one, key=lambda row: row[0])]
+    return {copy: first for first, *copies in groups for copy in copies}
 
 
 def alike_unknown(found: Found) -> dict[tuple[str, str, str], list[str]]:
@@ -176,15 +151,13 @@ def why_unknown(folder: Path, name: str) -> str:
 def unreadable(path: Path) -> str:
     """Say why a table cannot be read as it is; "" of others, whose films may take long."""
     name = instrument_of(path)
-    if name is None or instruments.by_name(name).content not in {"sweep", "displacement", "force"}:
-        return ""
     try:
-        instruments.read(path)
-    except SourceError as error:
-        line = f"line {error.line}: " if error.line else ""
-        return f"{line}{error.message}. {error.hint or ''}".strip()
-    except LabpipeError:
-        return ""
+        if name is not None and instruments.by_name(name).content in {"sweep", "displacement", "force"}:
+            instruments.read(path)
+    except LabpipeError as error:
+        if isinstance(error, SourceError):
+            return f"{f'line {error.line}: ' if error.line else ''}{error.message}. {error.hint or ''}".strip()
+        return str(error)
     return ""
 
 
@@ -240,37 +213,18 @@ def _leads_out(path: Path, folder: Path) -> bool:
 
 def _is_loose_frame(folder: Path, name: str) -> bool:
     """Whether a file is one of several numbered images that are in the session folder itself."""
-    suffix, numbered = Path(name).suffix.lower(), re.compile(r".*\d.*")
-    if "/" in name or suffix not in _FRAMES or not numbered.match(Path(name).stem):
+    suffix = Path(name).suffix.lower()
+    if "/" in name or suffix not in _FRAMES or not re.search(r"\d", Path(name).stem):
         return False
-    alike = (p for p in folder.iterdir() if p.suffix.lower() == suffix and numbered.match(p.stem))
-    return next(alike, None) is not None and next(alike, None) is not None
+    return sum(p.suffix.lower() == suffix and bool(re.search(r"\d", p.stem)) for p in folder.iterdir()) > 1
 
 
-# --- the list of a folder ---
+class Surveyed(NamedTuple):
+    """One file, or a folder that is one recording; "" takes the place of what is not known or not so.
 
-
-@dataclass(frozen=True, slots=True)
-class Surveyed:
-    """One file, or a folder that is one recording.
-
-    Attributes
-    ----------
-    name : str
-        Relative to the folder; characters that are not seen by their codes.
-    kind : str
-        The program or instrument that wrote it; empty when nothing is known.
-    content : str
-        One of :data:`instruments.CONTENTS`, ``"record"``, ``"picture"``, or empty.
-    reason : str
-        Why it is recognised, or of no use.
-    copy_of : str
-        The file with the same bytes that counts as the first; empty where there is none.
-    used_by : tuple of str
-        Experiments of session.toml that name it.
-    size : int [byte]
-    modified : str
-        Day and time, UTC.
+    ``kind`` is the program or instrument that wrote it, ``content`` one of :data:`instruments.CONTENTS`, ``"record"``
+    or ``"picture"``, ``reason`` why it is recognised or of no use, ``copy_of`` the file with the same bytes that
+    counts as the first, ``used_by`` the experiments of session.toml that name it; ``modified`` is in UTC.
     """
 
     name: str
@@ -282,13 +236,9 @@ class Surveyed:
     size: int
     modified: str
 
-    def document(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        return asdict(self) | {"used_by": list(self.used_by)}
-
 
 def survey(folder: Path) -> list[Surveyed]:
-    """List every file of a folder, in the order of their names, the first 5000.
+    """List every file of a folder, in the order of their names.
 
     Hidden files, session.toml and the results of labpipe are left out.
     """
@@ -301,25 +251,19 @@ def survey(folder: Path) -> list[Surveyed]:
         for text in {node for node in nodes(table) if isinstance(node, str)}:
             used.setdefault(text, []).append(experiment)
     has_session = (folder / FILE_NAME).is_file()
-    by_name = {each.name: each for each in instruments.known()}
-    instrument = {name: by_name[key] for key, names in found.names.items() if key in by_name for name in names}
-    entries = []
-    for name, (title, why) in found.owners.items():
-        copy_of = found.copies.get(name, "")
-        each = instrument.get(copy_of or name)
-        content: str = each.content if each else "record" if name.endswith(".toml") else ""
-        reason = why
-        if name in used or (not has_session and not copy_of and not (each and each.unproposed)):
-            reason = "recognised by its content" + ("" if has_session else "; no session is proposed yet")
-        kind = f"calibration record of a {title.partition(':')[2]}" if title.startswith("record:") else title
-        entries.append((name, kind, content, reason, copy_of))
-    for name in found.unknown:
-        reason = why_unknown(folder, name)
-        word = "picture" if reason == PICTURE else ""
-        entries.append((name, word, word, reason, ""))
+    instrument = {name: each for each in instruments.known() for name in found.of(each.name)}
     listed = []
-    for name, kind, content, reason, copy_of in sorted(entries)[:_MOST]:
-        status = (folder / name).lstat()
+    for name in sorted([*found.owners, *found.unknown]):
+        copy_of, status = found.copies.get(name, ""), (folder / name).lstat()
+        if name in found.owners:
+            (kind, reason), each = found.owners[name], instrument.get(copy_of or name)
+            content: str = each.content if each else "record" if name.endswith(".toml") else ""
+            if name in used or (not has_session and not copy_of and not (each and each.unproposed)):
+                reason = "recognised by its content" + ("" if has_session else "; no session is proposed yet")
+            kind = f"calibration record of a {kind.partition(':')[2]}" if kind.startswith("record:") else kind
+        else:
+            reason = why_unknown(folder, name)
+            kind = content = "picture" if reason == PICTURE else ""
         when = datetime.fromtimestamp(status.st_mtime, UTC).strftime("%Y-%m-%d %H:%M")
         users = tuple(used.get(name, ()))
         listed.append(Surveyed(printable(name), kind, content, reason, copy_of, users, status.st_size, when))

@@ -28,27 +28,10 @@ load = partial(sessions.load, kinds=SETTINGS, fill=fill)
 
 
 def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
-    """Read and check the ``session.toml`` of a folder.
+    """Read and check the ``session.toml`` of a folder; ConfigError lists every mistake with its line.
 
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    is_processed : bool
-        Let experiments that have a page lack files. In an experiment that was never processed a file
-        that is not there is a mistake; later it has been lost, and its experiment fails and says so.
-
-    Returns
-    -------
-    Session
-        Title, operator, and the experiments with their typed settings.
-
-    Raises
-    ------
-    SourceError
-        The folder holds no session.toml.
-    ConfigError
-        No experiment can be processed; every mistake is listed with its line.
+    In an experiment that was never processed a file that is not there is a mistake; with ``is_processed`` one that has
+    a page may lack files: they have been lost, and the experiment fails and says so.
     """
     folder = Path(folder)
     path = folder / sessions.FILE_NAME
@@ -83,6 +66,16 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), **given)
 
 
+def key_numbers(results: Results, name: str) -> dict[str, tuple[float, float | None, str]]:
+    """Return value, standard uncertainty and SI unit of each key number of an experiment that is up to date."""
+    found = {}
+    for number in KINDS[results.experiments[name].kind].key_numbers:
+        dataset = results.first(name, number.stage)
+        if dataset is not None and (pair := number.within(dataset)) is not None:
+            found[number.title] = (*pair, number.unit)
+    return found
+
+
 def result(folder: str | Path, experiment: str, stage: str | None = None, recording: str | None = None) -> xr.Dataset:
     """Return one stored result of a processed session.
 
@@ -99,14 +92,6 @@ def result(folder: str | Path, experiment: str, stage: str | None = None, record
     -------
     Dataset
         In SI; ``u_x`` is the standard uncertainty of ``x``.
-
-    Raises
-    ------
-    UsageError
-        There is no such experiment or stage, or no stage was named; the message names the nearest, or all.
-    InputError
-        The result is missing or out of date, or there is one for each recording: the message
-        names them.
 
     Examples
     --------
@@ -133,15 +118,7 @@ def results(folder: str | Path, experiment: str | None = None) -> xr.DataTree:
     Returns
     -------
     DataTree
-        One node per stage; below it one per recording for stages that run per recording, by the
-        stem of the file (by its whole name where two have the same).
-
-    Raises
-    ------
-    InputError
-        There is none.
-    UsageError
-        There is no such experiment.
+        One node per stage; below it one per recording, by the stem of the file (its whole name where two share it).
 
     Examples
     --------

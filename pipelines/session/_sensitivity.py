@@ -51,16 +51,6 @@ class Examined:
     indices: dict[str, Indices]
 
     @property
-    def is_linear(self) -> bool:
-        """Whether the 95 % intervals of budget and draws agree."""
-        return intervals_agree(self.budget, self.drawn)
-
-    @property
-    def coverage_factor(self) -> float:
-        """Expanded over standard uncertainty, for 95 %."""
-        return budget_blocks.coverage_factor(self.budget)
-
-    @property
     def shares(self) -> dict[str, float]:
         """Sobol's total indices, scaled to a sum of one."""
         total = sum(i.total for i in self.indices.values()) or 1.0
@@ -96,7 +86,8 @@ class Sensitivity(ShownAsTable):
             {
                 "experiment": e.experiment, "quantity": e.quantity.name, "unit": e.quantity.unit,
                 "value": e.budget.value, "u": e.budget.u, "expanded": e.budget.expanded(),
-                "coverage_factor": e.coverage_factor, "monte_carlo_agrees": e.is_linear,
+                "coverage_factor": budget_blocks.coverage_factor(e.budget),
+                "monte_carlo_agrees": intervals_agree(e.budget, e.drawn),
                 "total_indices": {name: i.total for name, i in e.indices.items()},
                 "to_halve": e.advice,
             }
@@ -119,13 +110,6 @@ def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
     Sensitivity
         Linear budget, Monte Carlo and Sobol indices of every quantity, and the pages
         ``FOLDER/labpipe/sensitivity_KIND.html``.
-
-    Raises
-    ------
-    UsageError
-        There is no such kind or experiment with budgets.
-    InputError
-        A step before failed.
 
     Examples
     --------
@@ -156,23 +140,17 @@ def examined(experiment: str, quantity: Quantity) -> Examined:
     )
 
 
-# --- the page ---
-
-
 def _page(session: Session, kind: str, found: Sequence[Examined]) -> str:
     """Return the page of the quantities of one kind of experiment as HTML text; budgets are on those of experiments."""
-    head = Section("What to measure better", (*answer(found), *synthetic_notice(session)))
-    sections = [head]
+    sections = [Section("What to measure better", (*answer(found), *synthetic_notice(session)))]
     for name in dict.fromkeys(e.experiment for e in found):
         own = [e for e in found if e.experiment == name]
         propagated = [(e.quantity, e.budget, e.drawn) for e in own]
         table = budget_blocks.overview(propagated, "to halve the uncertainty", [e.advice for e in own])
-        linear = {e: {row["source"]: 100.0 * row["share"] for row in e.budget.rows} for e in own}
-        rows = [(e, source, indices) for e in own for source, indices in e.indices.items()]
+        rows = [(e.quantity.name, source, indices) for e in own for source, indices in e.indices.items()]
         shares = listed([
-            Listed("quantity", [e.quantity.name for e, *_ in rows]),
+            Listed("quantity", [quantity for quantity, *_ in rows]),
             Listed("input", [shown_source(source) for _, source, _ in rows]),
-            Listed("linear share", [linear[e].get(source) for e, source, _ in rows], "%", digits=3),
             # an estimated share may be a little below zero
             Listed("Sobol, alone", [100.0 * max(indices.first, 0.0) for *_, indices in rows], "%", digits=3),
             Listed("Sobol, in all", [100.0 * max(indices.total, 0.0) for *_, indices in rows], "%", digits=3),

@@ -1,4 +1,4 @@
-"""Checks of a session as a whole: recordings used twice, records, bodies and plates, names, units, unused files.
+"""Checks of a session as a whole: recordings used twice, bodies, names, units, unused files.
 
 Each holds the statements of one experiment against the others, or against the names that the
 laboratory gave its files. None opens a recording: digests are those of the run.
@@ -9,12 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from math import hypot, inf, log
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
@@ -111,20 +109,18 @@ def unused_files(session: Session) -> list[Finding]:
     index = Store(session.folder).index
     named = [one for one in named_files(session) if one.path.exists()]
     # a recording that is excluded is known, and serves nothing
-    settings = [e.settings for e in session.experiments.values()]
-    left_out = {(session.files / one.file).resolve() for each in settings for one in exclusions(each)}
+    excluded = (one.file for e in session.experiments.values() for one in exclusions(e.settings))
+    left_out = {(session.files / name).resolve() for name in excluded}
     groups: dict[tuple[str, str], list[str]] = {}
     for name, title in recognised_below(session.files, {n.path.resolve() for n in named} | left_out):
         groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
     found = []
     for (title, _), names in groups.items():
-        twin, n = "", len(names)
-        for path in (session.files / name for name in names):
-            # files of another size are not read for it
-            alike = (o for o in named if o.path.is_file() and o.path.stat().st_size == path.stat().st_size)
-            if one := next((o.name for o in alike if index.digest(o.path) == index.digest(path)), ""):
-                twin = f"{path.relative_to(session.files).as_posix()} holds the same bytes as {one}: a copy that can go"
-                break
+        n, pairs = len(names), ((name, o, session.files / name) for name in names for o in named if o.path.is_file())
+        # files of another size are not read for it
+        alike = ((name, o) for name, o, path in pairs if o.path.stat().st_size == path.stat().st_size)
+        same = ((name, o.name) for name, o in alike if index.digest(o.path) == index.digest(session.files / name))
+        twin = next((f"{name} holds the same bytes as {other}: a copy that can go" for name, other in same), "")
         shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
         text = f"no experiment uses {shown} ({title}{f', {n} files' if n > 1 else ''})"
         cause = twin or "an experiment lacks a recording, or the file can go"
@@ -179,36 +175,13 @@ def _twice(session: Session) -> _Owned:
                 is_same_use = first.kind == later.kind and _field(first.setting) == _field(later.setting)
                 if is_same_file and not is_same_use and not of_one:  # other kinds may look at the same file
                     continue
-                other = "" if of_one else f" of {first.experiment}"
-                text = f"{later.name} holds the same bytes as {first.name}{other}"
-                if first.name == later.name:
-                    text = f"{later.name} is " + ("listed again" if of_one else f"also a recording{other}")
-                elif is_same_file:
-                    text = f"{later.name} and {first.name}{other} are one file, the same bytes under two names"
+                text = f"{later.name} holds the same bytes as {first.name}{'' if of_one else f' of {first.experiment}'}"
+                text = f"{later.name} is also a recording of {first.experiment}" if first.name == later.name else text
                 cause = "one recording was taken for two" if is_same_file else "a copy was taken for a repeat"
                 # of two experiments nothing says which one it belongs to
                 for owner in dict.fromkeys((later.experiment, first.experiment)):
                     yield owner, _finding("same bytes twice", text, cause, later.name)
                 break
-
-
-def _records(session: Session) -> _Owned:
-    """Find two calibration records of one id; the step that applies one checks its period and its sensor."""
-    users: dict[str, list[str]] = {}
-    for named in named_files(session):
-        if named.path.suffix == CONFIGURATION:
-            name = files.relative(named.path.resolve(), session.files)  # or that of the laboratory
-            users.setdefault(name, []).append(named.experiment)
-    records = {name: record for name in users if (record := _record(session.files / name)) is not None}
-    for (name, record), (other, twin) in combinations(records.items(), 2):
-        if record.id == twin.id and record != twin:
-            text = f'{name} and {other} have the same id, "{record.id}", but differ'
-            for owner in dict.fromkeys(users[other]):
-                cause = "one of the two records is out of date"
-                yield owner, _finding("calibration record", text, cause, other, "id")
-
-
-# --- one thing, two values ---
 
 
 def _bodies(session: Session) -> _Owned:
@@ -228,33 +201,20 @@ def _bodies(session: Session) -> _Owned:
                 for j, (other, _, materials, theirs) in enumerate(found)
                 if other is not e and materials & sources and _distance(theirs[same], sizes[same]) <= _SAME
             ]
-            usual = _usual(sizes[name], [pair for _, *pair in others])
+            own, usual = sizes[name], _usual(sizes[name], [pair for _, *pair in others])
             if usual is None or (len(others) == 1 and others[0][0] > i):  # of two the later one is named
                 continue
-            cause = _typing_error(name, sizes[name], usual[1])
-            if not cause and name == "radius":  # a sphere of another size
+            factor = _slip(own, usual[1])
+            if not factor and name == "radius":  # a sphere of another size
                 continue
-            text = f"{name} is {_written(sizes[name])} here and {_written(usual[1])} in {usual[0]}, "
+            text = f"{name} is {_written(own)} here and {_written(usual[1])} in {usual[0]}, "
             text += f"for bodies of one {same} and material"
-            cause = cause or f"the {name} of this sphere is mistyped, or another one was used: then say so"
+            cause = f"the {name} of this sphere is mistyped, or another one was used: then say so"
+            if factor:
+                is_diameter = name == "radius" and factor == 2.0 and own.value > usual[1].value
+                why = "its diameter was typed" if is_diameter else "its unit or decimal point is wrong"
+                cause = f"the {name} is probably {_written(usual[1])}, a factor {factor:g}: {why}"
             yield e.name, _finding(TWO_VALUES, text, cause, setting=f"{place}.{name}")
-
-
-def _plates(session: Session) -> _Owned:
-    """Hold the properties of the plate under one experiment against those that most of the others state.
-
-    Experiments may be on two plates; no two differ by a typing error.
-    """
-    stated = [(e, plate) for e in session.experiments.values() if (plate := getattr(e.settings, "plate", None))]
-    for name in ("mass", "frequency", "damping_ratio"):
-        values = [(e.name, value) for e, plate in stated if isinstance(value := getattr(plate, name, None), Quantity)]
-        word = name.replace("_", " ")
-        for owner, value in values if len(values) > 2 else ():
-            usual = _usual(value, [pair for pair in values if pair[0] != owner])
-            if usual is not None and (error := _typing_error(word, value, usual[1])):
-                text = f"the plate's {word} is {_written(value)} here and {_written(usual[1])} in the other experiments"
-                cause = f"{error}; or the plate is another one"
-                yield owner, _finding("one plate, two values", text, cause, setting=f"plate.{name}")
 
 
 def _sources(settings: Any) -> Iterator[str]:
@@ -278,61 +238,42 @@ def _usual(own: Quantity, values: Sequence[Sequence[Any]]) -> tuple[str, Quantit
     return None
 
 
-def _typing_error(name: str, value: Quantity, expected: Quantity) -> str:
-    """Say by which typing error a value is another one: a factor, or two digits exchanged; "" for none."""
+def _slip(value: Quantity, expected: Quantity) -> float:
+    """Return the factor of a typing error between two values; 0 for none."""
     from labpipe.judging import SLIPS
 
-    ratio, probably = value.value / expected.value, f"the {name} is probably {_written(expected)}"
-    factors = (f for f in SLIPS["value"] if f > 1 and ratio > 0 and abs(abs(log(ratio)) - log(f)) < _SLIP)
-    if factor := next(factors, 0.0):
-        if name == "radius" and factor == 2.0 and ratio > 1:
-            return f"{probably}: its diameter was typed"
-        return f"{probably}, a factor {factor:g}: its unit or decimal point is wrong"
-    one, other = _written(value), _written(expected)
-    differ = sum(x != y for x, y in zip(one, other, strict=False))
-    return f"{probably}: two digits were exchanged" if differ == 2 and sorted(one) == sorted(other) else ""
+    ratio = value.value / expected.value
+    return next((f for f in SLIPS["value"] if f > 1 and ratio > 0 and abs(abs(log(ratio)) - log(f)) < _SLIP), 0.0)
 
 
-def _written(value: Quantity, number: float | None = None) -> str:
+def _written(value: Quantity) -> str:
     from labpipe.report import quantity
 
-    return quantity(value.value if number is None else number, value.si, 4)
-
-
-# --- names and units ---
+    return quantity(value.value, value.si, 4)
 
 
 def _material_names(session: Session) -> _Owned:
-    """Hold the stated material against the names of experiment and files; where none is stated, names against names.
-
-    A table in a list that states a material of its own has files of its own.
-    """
+    """Hold stated materials against the names of experiment and files; where none is stated, names against names."""
     known = set(library_names())
-
-    def words(name: str) -> set[str]:
-        return set(re.split(r"[^a-z]+", name.lower())) & known
-
     for e in session.experiments.values():
-        settings = [(s, v) for s, v, _ in every_setting(e.settings) if s.rpartition(".")[2] == "material"]
-        stated = [(s, v) for s, v in settings if v in known]
-        tables = sorted({s.rpartition(".")[0] for s, v in settings if "[" in s and isinstance(v, str)})
-        groups: dict[str, list[tuple[str, str]]] = {}
-        for place, name in (("", e.name), *files_of(e.settings)):
-            table = next((t for t in tables if place.startswith(f"{t}.")), "")
-            groups.setdefault(table, []).append((place, name))
-        for table, named in groups.items():
-            own = [(s, v) for s, v in stated if (s.startswith(f"{table}.") if table else "[" not in s)]
-            names = [(place, name) for place, name in named if words(name)]
-            wrong = [(s, f'the material is "{v}"', names[0][1]) for s, v in own
-                     if names and not any(v in words(name) for _, name in names)]  # fmt: skip
-            if not own and (first := next((n for _, n in names if len(words(n)) == 1), "")):
-                head = f"{first} is named after {next(iter(words(first)))}"
-                wrong = [(place, head, name) for place, name in names if words(name).isdisjoint(words(first))][:1]
-            for setting, head, name in wrong:
-                other = " and ".join(sorted(words(name)))
-                cause = f"one of them is of another material, {other} probably, or the name is misleading"
-                text = f"{head}, but {name} is named after {other}"
-                yield e.name, _finding("name of the material", text, cause, setting=setting)
+        places = {v: s for s, v, _ in every_setting(e.settings) if s.rpartition(".")[2] == "material" and v in known}
+        named = [
+            (place, name, words)
+            for place, name in (("", e.name), *files_of(e.settings))
+            if (words := known.intersection(re.split(r"[^a-z]+", name.lower())))
+        ]
+        _, name, own = next((one for one in named if len(one[2]) == 1), ("", "", set[str]()))
+        head, right = f"{name} is named after {' and '.join(own)}", own
+        if places:
+            head, right = f'the material is "{" and ".join(places)}"', set(places)
+        wrong = [one for one in named if one[2].isdisjoint(right)] if right else []
+        if wrong and (len(wrong) == len(named) or not places):
+            place, name, words = wrong[0]
+            other = " and ".join(sorted(words))
+            text = f"{head}, but {name} is named after {other}"
+            cause = f"one of them is of another material, {other} probably, or the name is misleading"
+            setting = next(iter(places.values()), place)
+            yield e.name, _finding("name of the material", text, cause, setting=setting)
 
 
 def _quantities(session: Session) -> _Owned:
@@ -344,7 +285,8 @@ def _quantities(session: Session) -> _Owned:
             name, number = setting.rpartition(".")[2].replace("_", " "), value.value
             is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
             if is_positive and value.u > _UNKNOWN * number:
-                text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
+                u = _written(value._replace(value=value.u))
+                text = f"the {name} is {_written(value)} with a standard uncertainty of {u}"
                 cause = "the unit or the decimal point of the uncertainty is wrong"
                 yield e.name, _finding("stated uncertainty", text, cause, setting=setting)
             # a reference is held against the temperatures that were measured, by its kind
@@ -354,6 +296,6 @@ def _quantities(session: Session) -> _Owned:
                 yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 
-_CHECKS = (_twice, _records, _bodies, _plates, _material_names, _quantities)
+_CHECKS = (_twice, _bodies, _material_names, _quantities)
 SESSION_CHECKS = len(_CHECKS) + 2
 """Number of checks of a session as a whole: the last of the functions makes two, and unused files are one more."""

@@ -53,29 +53,16 @@ _OTHER_TEMPERATURE = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlChart:
-    """One quantity over the days on which it was measured: an individuals chart.
+    """One quantity over the days on which it was measured, in SI: an individuals chart.
 
-    Attributes
-    ----------
-    owner : str
-        The sensor, of a ratio of observed over expected; the kind of experiment, of a key number.
-    title, unit : str
-        Quantity and specimen, and SI unit.
-    is_ratio : bool
-    points : DataFrame
-        A row for each session, by day: ``session``, ``day``, ``value`` and ``u`` (means of the session's experiments,
-        whose calibration is one), ``operator``, ``record``.
-    mean, sigma : float
-        Mean, and standard deviation from the mean moving range, ``MR * sqrt(pi) / 2``, which a slow drift does not
-        widen (D. C. Montgomery, Introduction to Statistical Quality Control, section 6.4).
-    u : float
-        Root mean square of the stated standard uncertainties, NaN where there are none.
-    slope, p : float
-        Least-squares slope per day, and its two-sided probability by chance.
-    groups : dict of str to (float, dict of str to float)
-        By record, operator and specimen: probability of larger differences by chance, and the mean of each group.
-    is_drifting : bool
-        The slope is less likely by chance than one value of all charts beyond three standard deviations.
+    ``owner`` is the sensor, of a ratio of observed over expected, or the kind of experiment. ``points`` has a row for
+    each session, by day: ``session``, ``day``, ``value`` and ``u`` (means of its experiments, whose calibration is
+    one), ``operator``, ``record``. ``sigma`` is the standard deviation from the mean moving range, ``MR sqrt(pi) / 2``
+    (D. C. Montgomery, Introduction to Statistical Quality Control, section 6.4), which a slow drift does not widen,
+    ``u`` the root mean square of the stated standard uncertainties, NaN where there are none; ``slope`` is that of
+    least squares per day with the two-sided probability ``p`` of a larger one by chance. ``groups`` holds, by record,
+    operator and specimen, the probability of larger differences by chance and the mean of each group. A drift is a
+    slope that is less likely by chance than one value of all charts beyond three standard deviations.
     """
 
     owner: str
@@ -139,13 +126,9 @@ class Trend(ShownAsTable):
     def documents(self) -> list[dict[str, Any]]:
         """Return the charts for JSON, None for numbers that are not known."""
         names = ("owner", "title", "unit", "mean", "sigma", "u", "slope", "p", "state", "groups")
-        made = []
-        for c in self.charts:
-            values = {n: getattr(c, n) for n in names}
-            points = c.points.astype(object).where(c.points.notna(), None).to_dict("records")
-            values |= {n: None for n in ("u", "p") if not math.isfinite(values[n])}
-            made.append(values | {"points": points})
-        return made
+        rows = (c.points.astype(object).where(c.points.notna(), None).to_dict("records") for c in self.charts)
+        made = [{n: getattr(c, n) for n in names} | {"points": own} for c, own in zip(self.charts, rows, strict=True)]
+        return [one | {n: None for n in ("u", "p") if not math.isfinite(one[n])} for one in made]
 
 
 def trend(
@@ -170,13 +153,6 @@ def trend(
     Returns
     -------
     Trend
-
-    Raises
-    ------
-    InputError
-        No quantity was measured on two days.
-    UsageError
-        The expression is not one, or names a column that is not there.
 
     Examples
     --------
@@ -206,18 +182,15 @@ def trend(
 def _points(opened: Opened, where: str) -> pd.DataFrame:
     """Return every quantity of every experiment, a row each, as :func:`control_charts` takes them."""
     frame = opened.select("experiments", where)
-    for name in {"material", "height", "temperature"} - set(frame):
-        frame[name] = None
-    # material, height, and a temperature that is not the usual one
+    frame = frame.reindex(columns=[*frame, *({"material", "height", "temperature"} - set(frame))])
+    # the specimen: material, height, and a temperature that is not the usual one
     height, temperature = (pd.to_numeric(frame[name], errors="coerce") for name in ("height", "temperature"))
     usual = temperature.groupby(frame["material"].fillna("")).transform("median")
-    other = (temperature - usual).abs() > _OTHER_TEMPERATURE
-    parts_of = (
-        frame["material"].map(lambda name: name if isinstance(name, str) else ""),
-        height.map(lambda h: quantity(h, "m", 3) if math.isfinite(h) else ""),
-        temperature.where(other).map(lambda t: quantity(t, "degC", 2) if math.isfinite(t) else ""),
-    )
-    frame["specimen"] = [", ".join(filter(None, own)) for own in zip(*parts_of, strict=True)]
+    other = temperature.where((temperature - usual).abs() > _OTHER_TEMPERATURE)
+    shown = [column.map(lambda v, unit=unit, n=n: quantity(v, unit, n) if math.isfinite(v) else "")
+             for column, unit, n in ((height, "m", 3), (other, "degC", 2))]  # fmt: skip
+    parts_of = zip(frame["material"].fillna(""), *shown, strict=True)
+    frame["specimen"] = [", ".join(filter(None, own)) for own in parts_of]
     common = ["session", "experiment", "recorded", "record", "operator", "specimen", "kind", "sensor"]
     points = opened.select("results", f"stage IN ('{CHECKS}', '{KEYS}') AND ({where.strip() or 'true'})")
     points["u"] = pd.to_numeric(points["u"])
@@ -232,12 +205,9 @@ def _points(opened: Opened, where: str) -> pd.DataFrame:
 def control_charts(points: pd.DataFrame) -> tuple[ControlChart, ...]:
     """Make a chart of each quantity that was measured on two days.
 
-    Parameters
-    ----------
-    points : DataFrame
-        A row for each quantity of each experiment: ``owner``, ``quantity``, ``chart`` (its specimen, where that
-        decides the value), ``is_ratio``, ``unit``, ``recorded`` (ISO day), ``session``, ``operator``, ``record``,
-        ``specimen``, ``value`` and ``u`` (SI).
+    ``points`` has a row for each quantity of each experiment: ``owner``, ``quantity``, ``chart`` (its specimen, where
+    that decides the value), ``is_ratio``, ``unit``, ``recorded`` (ISO day), ``session``, ``operator``, ``record``,
+    ``specimen``, ``value`` and ``u`` (SI).
     """
     grouped = points.groupby(["owner", "quantity", "chart"], sort=False) if len(points) else ()
     made = [_chart(own) for _, own in grouped if own["recorded"].nunique() > 1]
@@ -296,18 +266,15 @@ def _groups(
             yield by, (float(f_oneway(*parts.values()).pvalue), {n: float(part.mean()) for n, part in parts.items()})
 
 
-# --- the page ---
-
 _TIED = "\N{NO-BREAK SPACE}"  # a sign stays with its number
 _METHOD = (
     "Each point is one session: the mean of its experiments with the mean of their standard uncertainties. Centre "
     "line: mean of all sessions. Band: three standard deviations of the individuals, estimated from the mean moving "
-    "range of sessions that follow each other (MR × √π / 2), which a slow drift does not widen. Outer lines: three "
-    "times the stated standard uncertainty (root mean square); it includes that of the calibration, which sessions "
-    "of one record share, so that the points should scatter less. A drift is a least-squares slope whose probability "
-    f"by chance, over all charts together, is below {RARE:g}. Groups are compared by analysis of variance. Ratios are "
-    "those of the checks, observed over expected, by the sensor that observed them. (D. C. Montgomery, Introduction "
-    "to Statistical Quality Control, chapter 6.)"
+    "range of successive sessions (MR × √π / 2), which a slow drift does not widen. Outer lines: three times the "
+    "stated standard uncertainty (root mean square). A drift is a least-squares slope whose probability by chance, "
+    f"over all charts together, is below {RARE:g}. Groups are compared by analysis of variance. Ratios are those of "
+    "the checks, observed over expected, by the sensor that observed them. (D. C. Montgomery, Introduction to "
+    "Statistical Quality Control, chapter 6.)"
 )
 
 
@@ -318,15 +285,12 @@ def trend_page(found: Trend, opened: Opened) -> str:
     answer: list[Block] = [*_answer(found), *([_drawn(worst)] if worst else [])]
     if found.page.parent == opened.page_folder:
         answer.append(Link("All experiments", CATALOGUE_PAGE, "of these sessions, with their verdicts"))
-    units = [display_unit([c.mean], c.unit) for c in charts]
-    pairs = list(zip(charts, units, strict=True))
     columns = [
         Listed("of", [c.owner for c in charts]),
         Listed("quantity", [c.title for c in charts]),
         Listed("state", [c.state for c in charts]),
-        Listed("mean", [c.mean / u.factor for c, u in pairs], u=[c.sigma / u.factor for c, u in pairs]),
-        *([Listed("in", [u.text for u in units])] if any(u.text for u in units) else []),
-        Listed("change", [c.change / u.factor for c, u in pairs], digits=2),
+        Listed("mean", [value_with_uncertainty(c.mean, c.sigma, c.unit) for c in charts]),
+        Listed("change", [quantity(c.change, c.unit, 2) for c in charts]),
         Listed("p", [probability(c.p).replace(" ", _TIED) if np.isfinite(c.p) else None for c in charts]),
         Listed("sessions", [len(c.points) for c in charts]),
     ]
@@ -347,8 +311,7 @@ def _answer(found: Trend) -> Iterator[Notice]:
         worst = next(c for c in found.charts if c.owner == owner and c.is_drifting)
         records = ", ".join(dict.fromkeys(filter(None, worst.points["record"])))
         remedy = f" Calibrate it again, and give each period a record of its own (now: {records})." * worst.is_ratio
-        more = f" {counted(len(texts) - 1, 'more drift')} of it in the table below." if len(texts) > 1 else ""
-        yield Notice("warning", f"{owner} drifts: {texts[0]}.{remedy}{more}")
+        yield Notice("warning", f"{owner} drifts: {'; '.join(texts)}.{remedy}")
     steady, n = sum(not c.is_drifting for c in found.charts), sum(len(c.points) for c in found.charts)
     outside = sum(int(c.is_outside.sum()) for c in found.charts)
     text = f"No drift in {counted(steady, 'other chart' if found.drifts else 'chart')}. "
@@ -398,10 +361,8 @@ def _comparisons(charts: Sequence[ControlChart]) -> Iterator[Block]:
     found = sorted(((c, by, *c.groups[by]) for c in charts for by in c.groups), key=lambda row: row[2])
     differing = [row for row in found if row[2] < RARE / len(found)]
     for c, by, p, means in differing:
-        (least, low), *_, (most, high) = sorted(means.items(), key=lambda pair: pair[1])
-        ends = [f"{word} {name or 'not stated'} ({quantity(mean, c.unit, 5)})" for word, name, mean in
-                (("lowest", least, low), ("highest", most, high))]  # fmt: skip
-        text = f"{c.owner}, {c.title}: differs by {GROUPS[by]}, {', '.join(ends)}, {chance(p)}."
-        yield Notice("warning", text)
+        ends = {"lowest": min(means, key=means.__getitem__), "highest": max(means, key=means.__getitem__)}
+        shown = [f"{word} {n or 'not stated'} ({quantity(means[n], c.unit, 5)})" for word, n in ends.items()]
+        yield Notice("warning", f"{c.owner}, {c.title}: differs by {GROUPS[by]}, {', '.join(shown)}, {chance(p)}.")
     if not differing:
         yield Notice("ok", "No quantity differs between calibration records, operators or specimens.")

@@ -13,13 +13,7 @@ if TYPE_CHECKING:
 
 LEVELS: dict[str, Level] = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
 _WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
-_UNSURE = {
-    "impossible": "impossible",
-    "doubtful": "doubtful",
-    "unknown": "not known",
-    "stale": "without a verdict that is up to date",
-    "waiting": "waiting for settings",
-}
+_STALE, _WAITING = "without a verdict that is up to date", "waiting for settings"
 _NAMED = 5  # more experiments than these are not read in a sentence
 
 
@@ -28,15 +22,15 @@ def belief(verdicts: Mapping[str, Verdict], names: Iterable[str], waiting: Itera
 
     Those without a verdict wait for their steps, or for lines of their settings.
     """
-    words = {name: verdicts[name].believable if name in verdicts else "stale" for name in names}
-    words |= dict.fromkeys(waiting, "waiting")
+    words = {name: verdicts[name].believable.replace("unknown", "not known") if name in verdicts else _STALE
+             for name in names} | dict.fromkeys(waiting, _WAITING)  # fmt: skip
     n, known = len(words), list(words.values())
     sure = known.count("yes")
     if sure == n:
         return Notice("ok", f"All {n} experiments are believable." if n > 1 else "The experiment is believable.")
     worst: Level = "error" if "impossible" in known else "warning" if "doubtful" in known else "info"
     text = f"{sure} of {n} experiment{'s' * (n > 1)} {'is' if n == 1 or sure == 1 else 'are'} believable."
-    return Notice(worst, f"{text} {_others(words, _UNSURE)}")
+    return Notice(worst, f"{text} {_others(words, ('impossible', 'doubtful', 'not known', _STALE, _WAITING))}")
 
 
 def agreement(models: Mapping[str, str]) -> Notice | None:
@@ -47,31 +41,28 @@ def agreement(models: Mapping[str, str]) -> Notice | None:
     n, known = len(words), list(words.values())
     level: Level = "warning" if "differs" in known else "info" if "undecided" in known else "ok"
     text = f"The model agrees in {known.count('agrees')} of {n} experiment{'s' * (n != 1)}."
-    return Notice(level, f"{text} {_others(words, {word: word for word in ('differs', 'undecided')})}".strip())
+    return Notice(level, f"{text} {_others(words, ('differs', 'undecided'))}".strip())
 
 
-def _others(words: Mapping[str, str], shown: Mapping[str, str]) -> str:
+def _others(words: Mapping[str, str], shown: Iterable[str]) -> str:
     """Name the experiments that have each of some words, five at most; empty where there are none."""
     parts = []
-    for word, text in shown.items():
+    for word in shown:
         if names := [name for name, own in words.items() if own == word]:
             more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-            parts.append(f"{text}: {', '.join(names[:_NAMED])}{more}")
+            parts.append(f"{word}: {', '.join(names[:_NAMED])}{more}")
     return as_sentence("; ".join(parts)) if parts else ""
 
 
-def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping[str, str]) -> Iterator[Notice]:
-    """Say of each named experiment whether it can be believed and agrees, with the gravest reason.
-
-    ``against`` names the reference of an experiment, where it is not the model.
-    """
+def each(names: Iterable[str], verdicts: Mapping[str, Verdict]) -> Iterator[Notice]:
+    """Say of each named experiment whether it can be believed and agrees, with the gravest reason."""
     for name in names:
         if (one := verdicts.get(name)) is None:
             yield Notice("info", f"{name}: no verdict that is up to date.")
             continue
         said = _WORDS.get(one.believable, f"the record is {one.believable}")
         model = {"none": "", "undecided": "; whether the model agrees is undecided"}
-        said += model.get(one.model, f"; the {against.get(name, 'model')} {one.model}")
+        said += model.get(one.model, f"; the model {one.model}")
         level = LEVELS.get(one.believable, "info")
         if level == "ok":
             level = {"differs": "warning", "undecided": "info"}.get(one.model, level)  # type: ignore[assignment]

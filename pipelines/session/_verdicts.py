@@ -25,7 +25,7 @@ from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.document import parse
 from labpipe.workflow.graph import arguments
-from labpipe.workflow.plan import READY, Row
+from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
@@ -57,24 +57,11 @@ _LONGEST_LINE = 100  # characters of a line that is shown
 class Verdict:
     """The verdict on one experiment.
 
-    Attributes
-    ----------
-    experiment, kind : str
-    state : str
-        ``"done"``, ``"failed"``, ``"waiting"`` (for lines of its settings, which are its findings) or
-        ``"not processed"``.
-    believable : "yes", "doubtful", "impossible" or "unknown"
-    model : "agrees", "differs", "undecided" or "none"
-    findings : tuple of Finding
-        With file and line.
-    checks : int
-        Number of checks of this experiment, as on its page; those of the session are not counted.
-    causes : tuple of str
-        Explanations of the findings, the likeliest first.
-    suspects : tuple of str
-        Explanations of a model that differs, or why it cannot be held against the record.
-    n_of_session : int
-        Number of findings, the last ones, that follow from the session as a whole.
+    ``state`` is ``"done"``, ``"failed"``, ``"waiting"`` (for lines of its settings, which are its findings) or ``"not
+    processed"``; ``believable`` "yes", "doubtful", "impossible" or "unknown"; ``model`` "agrees", "differs",
+    "undecided" or "none". ``checks`` counts those of this experiment, as on its page. ``causes`` explain the findings,
+    the likeliest first, ``suspects`` a model that differs, or say why it cannot be held against the record. The last
+    ``n_of_session`` findings follow from the session as a whole.
     """
 
     experiment: str
@@ -180,7 +167,7 @@ def waiting_verdicts(session: Session) -> dict[str, Verdict]:
             place = re.fullmatch(r"([^:]+):(\d+): (.*)", problem, re.DOTALL)
             file, line, text = (place[1], int(place[2]), place[3]) if place else (FILE_NAME, None, problem)
             verb = "fill in" if "to be filled in" in text else "correct"
-            remedy = f"{verb} line {line} of {file}, then process again" if line else f"correct {file}"
+            remedy = f"{verb} {f'line {line} of ' if line else ''}{file}, then process again"
             if text.endswith("which waits"):
                 remedy = "it runs as soon as that one does: see there"
             findings.append(Finding("settings", "note", text, remedy, file, line))
@@ -198,9 +185,10 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     """
     session = results.plan.session
     judged = {row.experiment: row for row in results.plan.rows if row.stage == JUDGEMENT and row.state in READY}
-    if not judged and not _path(results).is_file():
+    _, kept = _kept(results)
+    if not judged and not kept:
         return {}
-    marks, kept = _marks(results), _kept(results)
+    marks = _marks(results)
     known = {n: one.verdict for n, one in kept.items() if marks.get(n) == one.mark}
     made = [
         _of_result(session, session.experiments[name], "done", result)
@@ -212,10 +200,6 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     return {name: one for name in session.experiments if (one := new.get(name) or known.get(name)) is not None}
 
 
-def _path(results: Results) -> Path:
-    return Store(results.plan.session.folder).root / VERDICTS
-
-
 class _Kept(msgspec.Struct):
     """A verdict, and the digest of all that it comes from."""
 
@@ -223,22 +207,23 @@ class _Kept(msgspec.Struct):
     verdict: Verdict
 
 
-def _kept(results: Results) -> dict[str, _Kept]:
-    """Return the kept verdicts by experiment; none where the file is absent or damaged."""
+def _kept(results: Results) -> tuple[Path, dict[str, _Kept]]:
+    """Return the file of kept verdicts, and these by experiment; none where it is absent or damaged."""
+    path = Store(results.plan.session.folder).root / VERDICTS
     try:
-        return msgspec.convert(files.unseal(_path(results).read_bytes()) or {}, dict[str, _Kept])
+        return path, msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, _Kept])
     except (OSError, msgspec.ValidationError):
-        return {}
+        return path, {}
 
 
 def _keep(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     """Keep verdicts in addition to those that are still true."""
     if verdicts:
-        marks = _marks(results)
-        kept = {name: one for name, one in _kept(results).items() if marks.get(name) == one.mark}
+        marks, (path, known) = _marks(results), _kept(results)
+        kept = {name: one for name, one in known.items() if marks.get(name) == one.mark}
         kept |= {name: _Kept(marks[name], one) for name, one in verdicts.items()}
         with contextlib.suppress(StorageError):  # it only saves time
-            files.write_bytes(_path(results), files.seal(msgspec.to_builtins(dict(sorted(kept.items())))))
+            files.write_bytes(path, files.seal(msgspec.to_builtins(dict(sorted(kept.items())))))
 
 
 def _marks(results: Results) -> dict[str, str]:
@@ -251,17 +236,11 @@ def _marks(results: Results) -> dict[str, str]:
     ]
     code = behind(f"{__name__}:{stored_verdicts.__name__}", "pipelines.experiments")
     common = key_of({"verdicts": [code, files.digest(session.root / FILE_NAME), library_names(), named]})
-    rows: dict[str, list[Row]] = {}
+    keys: dict[str, list[Any]] = {}
     for row in plan.rows:
-        rows.setdefault(row.experiment, []).append(row)
-    keys = {name: [[plan.keys[r.task].value, plan.keys[r.task].problem] for r in own] for name, own in rows.items()}
-    is_judged = {name: any(r.stage == JUDGEMENT and r.state in READY for r in own) for name, own in rows.items()}
-    return {name: key_of({"verdict": [common, is_judged[name], own]}) for name, own in keys.items()}
-
-
-def told_verdicts(folder: str | Path) -> dict[str, Verdict]:
-    """Return the verdicts on all experiments of a session that are up to date."""
-    return stored_verdicts(opened(folder))
+        key, is_judged = plan.keys[row.task], row.stage == JUDGEMENT and row.state in READY
+        keys.setdefault(row.experiment, []).append([key.value, key.problem, is_judged])
+    return {name: key_of({"verdict": [common, own]}) for name, own in keys.items()}
 
 
 def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False) -> Verdict:
@@ -269,7 +248,7 @@ def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False)
 
     While the others are being processed, findings that compare it with them come later.
     """
-    known = {} if is_running else told_verdicts(folder)
+    known = {} if is_running else stored_verdicts(opened(folder))
     if experiment in known:
         return known[experiment]
     session = reopen_session(folder)

@@ -194,7 +194,7 @@ def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name
     told.encode("utf-8")
     assert told.isprintable()
     assert "acrylic_7mm" in open_session(pile).waiting
-    json.dumps([entry.document() for entry in survey(pile)], ensure_ascii=False).encode("utf-8")
+    json.dumps([entry._asdict() for entry in survey(pile)], ensure_ascii=False).encode("utf-8")
 
 
 def test_a_table_that_cannot_be_read_says_what_it_lacks(tmp_path: Path) -> None:

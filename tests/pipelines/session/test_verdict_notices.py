@@ -56,10 +56,10 @@ def test_agreement_counts_and_names_where_the_model_does_not_agree(
 def test_each_names_the_cause_of_a_finding_or_what_explains_a_difference() -> None:
     found = Finding("apexes", "doubtful", "the second is higher than the first")
     one = Verdict("drop", "ball_drop", "done", "doubtful", "differs", (found,), 3, ("a fault",), ("its DMA.", "mass"))
-    (said,) = each(["drop"], {"drop": one}, {})
+    (said,) = each(["drop"], {"drop": one})
     assert said.text.endswith("The second is higher than the first. Likely: a fault.")
     differs = replace(one, believable="yes", findings=())
-    (said,) = each(["drop"], {"drop": differs}, {})
+    (said,) = each(["drop"], {"drop": differs})
     assert said.text.endswith("Likely: its DMA.")
-    (said,) = each(["drop"], {"drop": replace(differs, model="agrees", suspects=())}, {})
+    (said,) = each(["drop"], {"drop": replace(differs, model="agrees", suspects=())})
     assert "Likely" not in said.text
