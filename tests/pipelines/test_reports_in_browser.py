@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.session import beside, compare
-from tests.labpipe.report.conftest import Browser, Charts, opened
+from tests.labpipe.report.conftest import Browser, opened
 
 
 @pytest.fixture(scope="module")
@@ -48,50 +48,6 @@ def test_the_chart_that_shows_the_verdict_is_on_the_first_screen(
     assert top < 600
     titles = window.run("[...document.querySelectorAll('h2')].map(h => h.textContent)")
     assert titles[:3] == ["Verdict", "Summary", "What the verdict rests on"]
-
-
-def test_the_slider_leads_into_one_impact_of_one_millisecond_and_back(window: Browser, processed_session: Path) -> None:
-    window.open(processed_session / "labpipe/reports/drop.html")
-    charts = Charts(window)
-    whole = charts.window(0)
-    assert whole[1] - whole[0] > 100  # ms
-    window.run("document.querySelector('.view-slider').focus()")
-    window.key("ArrowRight")
-    shown = charts.window(0)
-    assert 1.0 < shown[1] - shown[0] < 2.0
-    n_linked = window.run("document.querySelectorAll('figure.chart').length")
-    assert all(charts.window(i) == shown for i in range(n_linked))
-    window.key("Home")
-    assert charts.window(0) == pytest.approx(whole, rel=1e-9)
-
-
-def test_each_repeat_shows_where_one_points_and_the_same_one_in_every_chart(
-    window: Browser, processed_session: Path
-) -> None:
-    window.open(processed_session / "labpipe/reports/drop.html")
-    charts = Charts(window)
-    left, top, width, height = charts.box(0)
-    window.mouse("mouseMoved", left + width / 2, top + height / 2)
-    window.settle()
-    window.settle()
-    said = window.run("[...document.querySelectorAll('.crowd .value')].map(e => e.textContent)")
-    assert len(said) == 2  # displacement and velocity
-    names = {text.split(":")[0] for text in said}
-    assert len(names) == 1
-    assert names <= {"repeat 1", "repeat 2"}
-    assert window.complaints() == []
-
-
-@pytest.mark.parametrize("name", ["drop", "nbr"])
-def test_without_scripts_every_chart_is_a_still_picture(window: Browser, processed_session: Path, name: str) -> None:
-    window.open(processed_session / f"labpipe/reports/{name}.html", scripts=False)
-    window.send("Emulation.setScriptExecutionDisabled", value=False)
-    counts = window.run(
-        "[document.querySelectorAll('figure.chart').length,"
-        " [...document.querySelectorAll('.chart-still')].filter(i => i.checkVisibility()"
-        " && i.naturalWidth > 100).length]"
-    )
-    assert counts[0] == counts[1] > 3
 
 
 def test_a_report_leads_to_the_session_and_back(window: Browser, processed_session: Path) -> None:
