@@ -63,10 +63,13 @@ class Recorder(ArrayFrames):
 # --- accuracy -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "limit"), [("medium", 0.0003), ("fine", 0.0015)])
-@pytest.mark.parametrize("shape", ["rigid", "affine"])
-def test_bias_over_a_pixel_is_below_its_limit(kind: str, limit: float, shape: str) -> None:
-    found = track(make_film(kind, SHIFTS), grid(SIZE, 22, 12), shape=shape)
+@pytest.mark.parametrize(
+    ("kind", "shape", "order", "limit"),
+    [("medium", "rigid", 5, 0.0003), ("medium", "affine", 5, 0.0003), ("fine", "rigid", 5, 0.0015),
+     ("medium", "rigid", 3, 0.0012)],
+)  # fmt: skip
+def test_bias_over_a_pixel_is_below_its_limit(kind: str, shape: str, order: int, limit: float) -> None:
+    found = track(make_film(kind, SHIFTS), grid(SIZE, 22, 12) + np.array([0.5, -0.4]), shape=shape, order=order)
     assert found.valid.all()
     assert np.abs(error(found, SHIFTS).mean(axis=1)).max() <= limit
 
@@ -125,20 +128,6 @@ def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> No
     assert np.sqrt((wrong**2).mean()) <= 1.05 * np.sqrt((bound**2).mean())
     angle = found.rotation.values[64:, 0] - np.array([m.angle for m in motions * repeats])
     assert np.sqrt((angle**2).mean()) == pytest.approx(float(found.u_rotation[64:].mean()), rel=0.1)
-
-
-def test_bicubic_is_the_coarser_choice() -> None:
-    film = make_film("medium", SHIFTS)
-    points = grid(SIZE, 22, 14)
-    bias = {order: np.abs(error(track(film, points, order=order), SHIFTS).mean(axis=1)).max() for order in (3, 5)}
-    assert bias[5] < bias[3] < 0.0012
-
-
-def test_displacement_is_that_of_the_point_between_pixels() -> None:
-    film = make_film("medium", (Motion(), TURN))
-    points = grid(SIZE, 40, 30) + np.array([0.5, -0.4])
-    found = track(film, points, 31)
-    assert np.abs(error(found, (Motion(), TURN))[1]).max() < 0.004
 
 
 # --- large motions ------------------------------------------------------------------------------
@@ -260,13 +249,6 @@ def test_a_covered_point_is_lost_and_found_again() -> None:
         assert reason(found, 5, 0) in {"lost", "occluded"}
         assert found.valid.values[[0, 1, 2, 3, 8, 9, 10, 11], 0].all()
         assert np.nanmax(np.abs(error(found, motions))) < 0.03
-
-
-def test_a_film_cut_to_another_scene_loses_all_points() -> None:
-    film = make_film("medium", (Motion(),) * 4, 2.0)
-    film[2:] = render(make_speckle("medium", SIZE, 77), SIZE)
-    found = track(film, grid(SIZE, 22, 14), 31)
-    assert not found.valid[2:].any()
 
 
 # --- films of other kinds -----------------------------------------------------------------------
