@@ -140,19 +140,6 @@ def test_lag_is_that_of_the_butterworth_polynomial(frequency):
     assert "elastic reference" in lag.note
 
 
-def test_lag_agrees_with_a_filtered_signal():
-    rate, frequency = 10_000.0, 2.0
-    time = np.arange(round(20 * rate / frequency)) / rate
-    b, a = signal.butter(3, 20.0, fs=rate)
-    late = signal.lfilter(b, a, np.sin(2 * np.pi * frequency * time))
-    tail = slice(time.size // 2, None)
-    basis = np.column_stack([f(2 * np.pi * frequency * time[tail]) for f in (np.sin, np.cos)])
-    (in_phase, quadrature), *_ = np.linalg.lstsq(basis, late[tail], rcond=None)
-    lag = load_cell.filter_lag(frequency)
-    assert math.hypot(in_phase, quadrature) == pytest.approx(lag.gain, rel=1e-5)
-    assert -math.atan2(quadrature, in_phase) == pytest.approx(lag.phase, rel=1e-4)
-
-
 @pytest.mark.skipif(not SAMPLES.exists(), reason="the public sample files are not here")
 def test_public_files_give_compression_positive_forces():
     six = mach1.read(SAMPLES / "stress_relaxation_3_ramps.txt")

@@ -177,8 +177,11 @@ def test_verbs_on_a_session_show_what_they_found(processed_session: Path, tmp_pa
     assert list(table.table["experiment"]) == ["drop"]
     health = lp.doctor(session)
     assert health.damaged_results == ()
-    for each in (done, found, exported, table, health):
+    for each in (done, found, exported, table, health, lp.plan(session)):
         assert "<table>" in each._repr_html_()
+    judged = lp.verdict(session, jobs=0)
+    for one in judged.experiments:
+        assert f"<td>{one.experiment}</td><td>{one.believable}</td><td>{one.model}</td>" in judged._repr_html_()
 
 
 def test_a_result_per_recording_names_the_recordings(processed_session: Path) -> None:

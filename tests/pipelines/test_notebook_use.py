@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.notebook import html_table
 from labpipe.report import Report
-from pipelines.session import open_session, plan, process, report, result, results, verdict
+from pipelines.session import report, result, results
 
 
 class Tags(HTMLParser):
@@ -20,19 +20,6 @@ class Tags(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list) -> None:
         self.found.append((tag, dict(attrs)))
-
-
-def test_session_plan_run_and_verdicts_are_tables(session_copy: Path) -> None:
-    session = open_session(session_copy)._repr_html_()
-    assert "laser/drop_1.csv, laser/drop_2.csv, calibration/laser.toml" in session
-    assert "synthetic data" in session
-    made = plan(session_copy)
-    assert f"0 of {len(made.rows)} steps would run" in made._repr_html_()
-    assert f"{len(made.rows)} cached" in process(session_copy, jobs=0)._repr_html_()
-    judged = verdict(session_copy, jobs=0)
-    for one in judged.experiments:
-        assert f"<td>{one.experiment}</td><td>{one.believable}</td><td>{one.model}</td>" in judged._repr_html_()
-        assert f"{one.experiment} " in repr(judged)
 
 
 def test_hostile_texts_stay_texts() -> None:

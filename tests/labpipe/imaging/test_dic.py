@@ -95,20 +95,6 @@ def test_error_reaches_the_cramer_rao_bound_and_is_predicted(subset: int, shape:
     assert np.abs(np.mean(errors, axis=(0, 2))).max() < 0.0006
 
 
-@pytest.mark.parametrize(("noise", "static_frames"), by_day([(8.0, 16), (8.0, 1), (2.0, 16)], 1))
-def test_predicted_uncertainty_holds_for_more_noise_and_an_averaged_reference(noise: float, static_frames: int) -> None:
-    motions = (Motion(),) * static_frames + SHIFTS[1::3]
-    film = make_film("medium", motions, noise)
-    found = track(film, grid(SIZE, 22, 12), 21, static_frames=static_frames)
-    assert np.abs(found.dx[:static_frames].mean("frame")).max() < 1e-12
-    moving = error(found, motions)[static_frames:]
-    predicted = np.stack([found.u_dx, found.u_dy], axis=-1)[static_frames:]
-    assert np.sqrt((predicted**2).mean()) == pytest.approx(np.sqrt((moving**2).mean()), rel=0.1)
-    turn = found.rotation[static_frames:].values
-    predicted_turn = found.u_rotation[static_frames:].values
-    assert np.sqrt((predicted_turn**2).mean()) == pytest.approx(np.sqrt((turn**2).mean()), rel=0.12)
-
-
 def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> None:
     size = (216, 216)
     centre = np.array([(108.0, 108.0)])
@@ -123,6 +109,7 @@ def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> No
     truth = (Motion(),) * 64 + motions * repeats
     found = track(film, centre, 201, "rigid", static_frames=64)
     assert found.valid.all()
+    assert np.abs(found.dx[:64].mean("frame")).max() < 1e-12
     wrong = error(found, truth)[64:]
     bound = cramer_rao_bound(digitise(still, 0.0, 0), centre, 201, "rigid", 2.0, 64)
     assert np.sqrt((wrong**2).mean()) <= 1.05 * np.sqrt((bound**2).mean())
@@ -236,19 +223,6 @@ def test_damaged_frames_are_rows_of_nan_and_never_read() -> None:
     with_nan = make_film("medium", motions[:4]).astype(np.float32)
     with_nan[2, 100, 100] = np.nan
     assert track(with_nan, grid(SIZE, 40, 40)).valid.all("point").values.tolist() == [True, True, False, True]
-
-
-def test_a_covered_point_is_lost_and_found_again() -> None:
-    motions = tuple(Motion(0.0, 0.6 * k) for k in range(12))
-    film = make_film("medium", motions, 2.0)
-    other = render(make_speckle("medium", SIZE, 77), SIZE)
-    film[4:8, 80:150, 80:150] = other[80:150, 80:150]
-    for points in ([(115, 110)], [(115, 110), (200, 110), (200, 200)]):
-        found = track(film, points, 31)
-        assert not found.valid[4:8, 0].any()
-        assert reason(found, 5, 0) in {"lost", "occluded"}
-        assert found.valid.values[[0, 1, 2, 3, 8, 9, 10, 11], 0].all()
-        assert np.nanmax(np.abs(error(found, motions))) < 0.03
 
 
 # --- films of other kinds -----------------------------------------------------------------------

@@ -96,21 +96,6 @@ def test_contacts_are_found_whatever_their_light_and_wherever_they_are(
     assert np.abs(against.ratios).max() < 4.0
 
 
-@pytest.mark.slow
-def test_full_reads_everything_and_agrees() -> None:
-    film, radii = long_film()
-    quick, full = measure(film), measure(film, full=True)
-    work = json.loads(full.attrs["work"])
-    assert work["frames_read"] == work["frames_total"]
-    assert work["bytes_read"] == work["bytes_total"]
-    assert quick.in_contact.values.tolist() == full.in_contact.values.tolist()
-    seen = radii > 0.0
-    difference = (quick.radius - full.radius).values[seen]
-    tolerance = 5.0 * full.u_radius.values[seen]
-    assert (np.abs(difference) <= tolerance).all()
-    assert float(quick.radius[-1]) == pytest.approx(float(full.radius[-1]), abs=0.01 * UM)
-
-
 def test_the_frames_beside_a_read_one_are_read_unless_they_rest_or_are_not_wanted() -> None:
     read = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1, 0], bool)
     resting = np.array([0, 0, 0, 0, 1, 1, 1, 0, 0, 0], bool)

@@ -77,18 +77,6 @@ def test_table_is_the_mean_over_square_pixels() -> None:
     assert abs((found - expected).mean()) < 3e-4
 
 
-def test_exposure_averages_over_a_square_of_the_radius_that_bends() -> None:
-    a, travel, bend = 200.0, 4.0, -30.0
-    limits = ring_limits(a, OPTICS, 3.0, 3.0)
-    moments = np.linspace(-1.0, 1.0, 401)
-    radii = np.sqrt(a**2 + moments * a * travel + moments**2 * bend)
-    # the smear is extrapolated below 0.3 px, from where each moment is tabulated
-    tables = [tabulate(limits, parameters(float(radius)), OPTICS)[1][0] for radius in radii]
-    expected = np.trapezoid(tables, moments, axis=0) / 2.0
-    found = tabulate(limits, parameters(a, travel, bend=bend), OPTICS)[1][0]
-    assert np.abs(found - expected).max() < 2e-3
-
-
 @pytest.mark.parametrize("optics", [
     OPTICS, Optics(OPTICS.phase_scale, blur=0.8), Optics(OPTICS.phase_scale, beams=-0.2),
     Optics(OPTICS.phase_scale, spread=1e-3), Optics(OPTICS.phase_scale, flat=120.0),

@@ -49,19 +49,12 @@ def test_what_cannot_be_drawn_is_refused_with_its_name(make, message):
 def test_packed_numbers_are_the_given_ones_to_float32_of_their_range(offset, size, n):
     x = np.linspace(0.5, 2.5, n)
     y = offset + size * np.sin(np.arange(n))
-    packed = pack(thin(chart(Series("a", x, y)), 10**6))
+    packed = pack(thin(chart(Series("a", x, y), Series("b", x.copy(), -y)), 10**6))
+    assert [s["axis"] for s in packed["series"]] == [0, 0]  # common positions are stored once
     assert np.allclose(positions(packed["axes"][0]), x, rtol=0, atol=1e-6 * (x[1] - x[0]))
     spread = np.ptp(y)
     # With an offset below a hundred half ranges the plain float32 is kept: 6e-8 of the size.
     assert np.abs(curve(packed["series"][0]["y"]) - y).max() <= 1e-5 * spread + rounding(10, abs(offset))
-
-
-def test_common_positions_are_stored_once():
-    t = np.arange(10_000) / 20_000
-    packed = pack(thin(chart(Series("a", t, t), Series("b", t.copy(), -t), Band("c", t, t, t)), 10**7))
-    assert len(packed["axes"]) == 1
-    assert np.array_equal(positions(packed["axes"][0]), t)
-    assert [s["axis"] for s in packed["series"]] == [0, 0, 0]
 
 
 def test_a_long_recording_fits_its_bytes_and_keeps_every_sample_of_an_impact():

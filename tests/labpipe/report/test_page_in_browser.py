@@ -221,23 +221,6 @@ def drawn_bytes(browser):
     return browser.run("document.querySelector('.uplot canvas').toDataURL()")
 
 
-def test_the_cursor_is_linked_and_says_the_values(opened, chart):
-    left, top, width, height = chart.box(0)
-    opened.mouse("mouseMoved", left + width / 4, top + height / 2)
-    opened.settle()
-    values = opened.run("[...document.querySelectorAll('.value')].map(e => e.textContent)")
-    t, height_, _ = bounce_train()
-    # The third value of the first chart is the model, at the sample nearest to the pointer.
-    assert float(values[2]) == pytest.approx(np.interp(FULL[1] / 4, t, height_) * 1e3, abs=0.05)
-    assert " … " in values[0]
-    assert values[3] != ""
-    flags = opened.run("[...document.querySelectorAll('.x-flag')].map(e => e.textContent)")
-    assert flags[0] == flags[1] != ""
-    opened.mouse("mouseMoved", 2, 2)
-    opened.settle()
-    assert opened.run("document.querySelectorAll('.value')[2].textContent") == ""
-
-
 def test_a_folded_chart_is_drawn_when_it_is_unfolded(opened):
     opened.run("document.querySelector('details').open = true")
     opened.settle()

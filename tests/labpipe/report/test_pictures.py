@@ -100,15 +100,6 @@ def test_an_error_bar_and_a_band_reach_as_far_as_they_say_also_below_zero_on_a_l
     assert area.startswith("M")
 
 
-def test_noise_stays_small():
-    t = np.arange(200_000) / 1000.0
-    noise = np.random.default_rng(2).normal(size=(12, t.size))
-    series = [Series(f"{n}", t, y) for n, y in enumerate(noise)]
-    made = _pictures.static_picture(thin(LineChart("c", "x", "y", series, height_px=500), 10**6))
-    assert len(made) < 100_000
-    assert f'font-size="{SIZE:g}"'.encode() in made
-
-
 def test_a_name_is_text_and_no_formula():
     picture = drawn(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)))
     assert {"$x$", "y < 1 & 2", "$a_1$ & b"} <= {text.text for text in found(picture, "text")}

@@ -77,17 +77,10 @@ def test_a_part_that_fails_is_told_and_the_others_are_kept(tmp_path: Path, capsy
     assert "bench.html" in out
 
 
-@pytest.mark.usefixtures("toy")
-def test_parts_run_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert parts.chosen(["pair", "toy"]) == ("toy", "pair")
-    assert parts.chosen([]) == ("toy", "pair", "broken")
-    monkeypatch.setattr(parts, "PARTS", {"contact-radius": ("", "")})
-    assert parts.chosen(["contact_radius"]) == ("contact-radius",)
-
-
 def test_parts_are_listed_and_an_unknown_one_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "--list")
     assert (code, [line.split()[0] for line in out.splitlines()]) == (0, list(parts.PARTS))
+    assert parts.chosen(["velocity", "contact-radius"]) == parts.chosen(["contact_radius", "velocity"])
     with pytest.raises(UsageError, match='did you mean "velocity"'):
         parts.chosen(["velocty"])
 

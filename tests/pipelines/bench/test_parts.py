@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipelines.bench import dic, drop, line, master_curve, velocity
-from pipelines.bench.master_curve import FRACTIONAL, MAXWELL, measured
+from pipelines.bench.master_curve import MAXWELL, measured
 from pipelines.bench.measure import OURS, THESIS, Suite
 
 
@@ -58,12 +58,6 @@ def test_sweeps_differ_from_the_truth_by_the_noise_and_superpose_by_the_true_shi
     omega = 2 * np.pi * made.sweeps["frequency"].values * 10.0 ** made.log10_aT[:, None]
     at = MAXWELL.shift(np.array([made.reference, MAXWELL.T_ref]))
     np.testing.assert_allclose(MAXWELL.modulus(omega * 10.0 ** (at[0] - at[1])), made.exact)
-
-
-def test_the_pairwise_procedure_recovers_overlapping_sweeps_without_noise() -> None:
-    made = measured(FRACTIONAL, 1, temperatures=25, noise=1e-6, points=21)
-    for is_vertical in (False, True):
-        assert made.error(master_curve.pairwise_shifts(made, is_vertical)) < 0.02
 
 
 @pytest.mark.slow
