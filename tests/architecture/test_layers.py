@@ -7,6 +7,7 @@ import ast
 import graphlib
 import shutil
 import subprocess
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -30,21 +31,8 @@ ALLOWED = {
 
 # Inside labpipe: a part may import itself, the ground, and what stands below it.
 GROUND = {
-    "errors",
-    "units",
-    "schema",
-    "frames",
-    "files",
-    "netcdf",
-    "text",
-    "binary",
-    "arrays",
-    "variables",
-    "compilation",
-    "notebook",
-    "uncertainty",
-    "plugins",
-    "installation",
+    *("errors", "units", "schema", "frames", "files", "netcdf", "text", "binary", "arrays", "variables"),
+    *("compilation", "notebook", "uncertainty", "plugins", "installation"),
 }
 BELOW = {
     "signals": set(),
@@ -125,16 +113,17 @@ def sources(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
 
 
+def importing(paths: Iterable[Path], is_wrong: Callable[[str], bool]) -> list[str]:
+    """Say which of the modules import what they must not."""
+    pairs = [(path.relative_to(ROOT), name) for path in paths for name in imported_modules(path)]
+    return [f"{path} imports {name}" for path, name in pairs if is_wrong(name)]
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_packages_import_only_downwards(package: str) -> None:
-    wrong = [
-        f"{path.relative_to(ROOT)} imports {name}"
-        for path in sources(package)
-        if path != FRONT_DOOR
-        for name in imported_modules(path)
-        if name.split(".")[0] in PACKAGES and name.split(".")[0] not in ALLOWED[package]
-    ]
-    assert wrong == []
+    above = set(PACKAGES) - ALLOWED[package]
+    paths = [path for path in sources(package) if path != FRONT_DOOR]
+    assert importing(paths, lambda name: name.split(".")[0] in above) == []
 
 
 def test_the_front_door_names_what_is_above_for_the_type_checker_alone() -> None:
@@ -146,27 +135,12 @@ def test_the_front_door_names_what_is_above_for_the_type_checker_alone() -> None
     assert {name.split(".")[0] for name in runs if name} & set(PACKAGES) == {"labpipe"}
 
 
-@pytest.mark.parametrize("part", sorted(BELOW))
+@pytest.mark.parametrize("part", [*sorted(BELOW), "ground"])
 def test_parts_of_labpipe_import_only_the_ground_and_what_is_below(part: str) -> None:
-    allowed = BELOW[part] | {part} | GROUND
-    wrong = [
-        f"{path.relative_to(ROOT)} imports {name}"
-        for path in sorted((ROOT / "labpipe" / part).rglob("*.py"))
-        for name in imported_modules(path)
-        if name.startswith("labpipe.") and name.split(".")[1] not in allowed | {"__version__"}
-    ]
-    assert wrong == []
-
-
-def test_ground_imports_no_part_above_it() -> None:
-    wrong = [
-        f"{path.name} imports {name}"
-        for path in sources("labpipe")
-        if path.relative_to(ROOT / "labpipe").parts[0].removesuffix(".py") in GROUND
-        for name in imported_modules(path)
-        if name.startswith("labpipe.") and name.split(".")[1] not in GROUND | {"__version__"}
-    ]
-    assert wrong == []
+    allowed = GROUND | {"__version__"} | (BELOW[part] | {part} if part in BELOW else set())
+    inside = {part} if part in BELOW else GROUND
+    paths = [p for p in sources("labpipe") if p.relative_to(ROOT / "labpipe").parts[0].removesuffix(".py") in inside]
+    assert importing(paths, lambda name: name.startswith("labpipe.") and name.split(".")[1] not in allowed) == []
 
 
 @cache
@@ -284,8 +258,7 @@ def test_only_the_file_module_writes_files() -> None:
     """One function writes files; anything else could leave half a file behind."""
     wrong = [
         f"{path.relative_to(ROOT)}:{line} {name}"
-        for package in PACKAGES
-        for path in sources(package)
+        for path in modules().values()
         if path.relative_to(ROOT).as_posix() != "labpipe/files.py"
         for line, name in facts(path).writes
     ]
@@ -294,19 +267,8 @@ def test_only_the_file_module_writes_files() -> None:
 
 def test_nothing_loads_code_or_pickles_from_data() -> None:
     names = {"pickle", "yaml", "dill", "shelve", "marshal"}
-    wrong = [
-        f"{path.relative_to(ROOT)} imports {name}"
-        for package in PACKAGES
-        for path in sources(package)
-        for name in imported_modules(path)
-        if name.split(".")[0] in names
-    ]
-    wrong += [
-        f"{path.relative_to(ROOT)}:{line} {name}"
-        for package in PACKAGES
-        for path in sources(package)
-        for line, name in facts(path).evaluates
-    ]
+    wrong = importing(modules().values(), lambda name: name.split(".")[0] in names)
+    wrong += [f"{path}:{line} {name}" for path in modules().values() for line, name in facts(path).evaluates]
     assert wrong == []
 
 
@@ -336,28 +298,19 @@ def test_no_module_outside_its_room_names_a_kind(package: str) -> None:
     assert found == []
 
 
+def is_of_kind(name: str, *homes: str) -> bool:
+    return any(name == home or name.startswith(f"{home}.") for home in homes)
+
+
 def test_only_the_registry_and_its_own_room_import_from_a_kind() -> None:
-    found = [
-        f"{path.relative_to(ROOT)} imports {module}"
-        for path in verbs("pipelines")
-        if path != EXPERIMENTS / "_registry.py"
-        for module in imported_modules(path)
-        for home in HOMES.values()
-        if module == home or module.startswith(f"{home}.")
-    ]
-    assert found == []
+    paths = [path for path in verbs("pipelines") if path != EXPERIMENTS / "_registry.py"]
+    assert importing(paths, lambda name: is_of_kind(name, *HOMES.values())) == []
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_a_kind_imports_from_no_other(kind: str) -> None:
     others = [home for name, home in HOMES.items() if name != kind]
-    found = [
-        f"{path.relative_to(ROOT)} imports {module}"
-        for path in (EXPERIMENTS / kind).rglob("*.py")
-        for module in imported_modules(path)
-        if any(module.startswith(f"{home}.") for home in others)
-    ]
-    assert found == []
+    assert importing((EXPERIMENTS / kind).rglob("*.py"), lambda name: is_of_kind(name, *others)) == []
 
 
 def test_every_room_is_that_of_a_kind() -> None:
@@ -367,14 +320,6 @@ def test_every_room_is_that_of_a_kind() -> None:
 
 
 def test_figures_lie_beneath_nothing() -> None:
-    figures = ROOT / "pipelines/figures"
-    above = {figures, ROOT / "pipelines/commands"}
-    found = [
-        f"{path.relative_to(ROOT)} imports {module}"
-        for package in PACKAGES
-        for path in sources(package)
-        if not above & set(path.parents) and path != FRONT_DOOR
-        for module in imported_modules(path)
-        if module.startswith("pipelines.figures")
-    ]
-    assert found == []
+    above = {ROOT / "pipelines/figures", ROOT / "pipelines/commands"}
+    paths = [path for path in modules().values() if not above & set(path.parents) and path != FRONT_DOOR]
+    assert importing(paths, lambda name: name.startswith("pipelines.figures")) == []

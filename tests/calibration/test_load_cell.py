@@ -95,10 +95,14 @@ def test_tare_of_a_file_comes_from_its_first_block():
 
 def test_record_scales_and_enters_the_budget():
     block, pressed = press(cell="25g")
-    known = record("1.002 ± 0.001", instrument="25g", linearity="0 ± 0.001 N")
+    known = record("1.002 ± 0.001", instrument="25g", linearity="0 ± 0.001 N", capacity="0.9 N")
     readings = mach1.assemble([block])
     result = calibration.apply(readings, known, zero="start")
-    np.testing.assert_allclose(result.force.values, 1.002 * pressed, atol=0.012)
+    beyond = np.flatnonzero(pressed > 0.91 + 0.25)
+    assert np.isnan(result.force.values[beyond]).all()
+    within = result.valid.values
+    np.testing.assert_array_equal(np.isfinite(result.force.values), within)
+    np.testing.assert_allclose(result.force.values[within], 1.002 * pressed[within], atol=0.012)
     rows = {row["source"]: row for row in json.loads(result.attrs["budget"])}
     largest = float(result.force.max())
     assert rows["gain"]["contribution"] == pytest.approx(0.001 * largest / 1.002, rel=1e-6)
@@ -106,17 +110,11 @@ def test_record_scales_and_enters_the_budget():
     assert sum(row["share"] for row in rows.values()) == pytest.approx(1.0)
 
 
-def test_readings_beyond_the_capacity_are_not_valid():
-    block, _ = press(cell="25g", offset=0.0)
-    result = load_cell.force(mach1.assemble([block]), record(instrument="25g", capacity="0.245 N"))
-    assert not result.valid.values[-1]
-    assert np.isnan(result.force.values[-1])
-    assert result.valid.values[0]
-
-
 def test_unknown_sign_is_asked_for():
     block, pressed = press()
     readings = mach1.assemble([block])
+    assert load_cell.declared_filter(readings.attrs) == {"order": 3, "cutoff": 20.0}
+    assert load_cell.declared_filter({}) is None
     del readings.attrs["compression_sign"]
     with pytest.raises(CalibrationError, match="compression_sign=1"):
         load_cell.force(readings)
@@ -126,7 +124,7 @@ def test_unknown_sign_is_asked_for():
         load_cell.force(readings, compression_sign=2)
 
 
-@pytest.mark.parametrize("frequency", [0.1, 2.0, 50.0])
+@pytest.mark.parametrize("frequency", [0.1, 50.0])
 def test_lag_is_that_of_the_butterworth_polynomial(frequency):
     s = 1j * frequency / 20.0
     response = 1 / ((s + 1) * (s**2 + s + 1))
@@ -140,27 +138,6 @@ def test_lag_is_that_of_the_butterworth_polynomial(frequency):
     other = float(-np.sum(np.angle(bessel / (bessel - 1j * frequency / 20.0))))
     assert abs(other - lag.phase) < 2 * lag.u_phase
     assert "elastic reference" in lag.note
-
-
-@pytest.mark.parametrize("frequency", [0.5, 2.0])
-def test_lag_agrees_with_a_filtered_signal(frequency):
-    rate = 10_000.0
-    time = np.arange(round(20 * rate / frequency)) / rate
-    b, a = signal.butter(3, 20.0, fs=rate)
-    late = signal.lfilter(b, a, np.sin(2 * np.pi * frequency * time))
-    tail = slice(time.size // 2, None)
-    basis = np.column_stack([f(2 * np.pi * frequency * time[tail]) for f in (np.sin, np.cos)])
-    (in_phase, quadrature), *_ = np.linalg.lstsq(basis, late[tail], rcond=None)
-    lag = load_cell.filter_lag(frequency)
-    assert math.hypot(in_phase, quadrature) == pytest.approx(lag.gain, rel=1e-5)
-    assert -math.atan2(quadrature, in_phase) == pytest.approx(lag.phase, rel=1e-4)
-
-
-def test_declared_filter_is_that_of_the_header():
-    block, _ = press()
-    readings = mach1.assemble([block])
-    assert load_cell.declared_filter(readings.attrs) == {"order": 3, "cutoff": 20.0}
-    assert load_cell.declared_filter({}) is None
 
 
 @pytest.mark.skipif(not SAMPLES.exists(), reason="the public sample files are not here")

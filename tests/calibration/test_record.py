@@ -1,13 +1,11 @@
 """Calibration records: typed, versioned, all mistakes at once; the wrong one is refused."""
 
-import subprocess
-import sys
 from datetime import date, datetime
 
 import pytest
 
 from calibration.record import UNDATED, WRONG_CLOCK, load_record, require
-from labpipe.errors import CalibrationError, ConfigError, SourceError
+from labpipe.errors import CalibrationError, ConfigError
 from labpipe.units import Quantity
 
 LASER = """\
@@ -58,15 +56,11 @@ DAMAGE = {
     "unknown value": ("scale = ", "scael = ", 'did you mean "scale"'),
     "wrong unit": ("12.00 ± 0.05 deg", "12.00 ± 0.05 mm", "expected an angle"),
     "unknown unit": ("0.05 deg", "0.05 turns", "expected an angle"),
-    "no unit": ('"12.00 ± 0.05 deg"', "12.0", "without a unit"),
     "not a number": ("12.00 ±", "twelve ±", "expected an angle"),
     "negative inclination": ("12.00 ± 0.05", "-12.00 ± 0.05", "must be >= 0"),
     "scale of another order": ("1.0010 ± 0.0002", "1000 ± 1", "must be > 0.5"),
     "range not positive": ('"8 mm"', '"-8 mm"', "must be > 0"),
-    "empty id": ('"laser-2024-05"', '""', "id: "),
-    "number as text": ('"A. Person"', "7", "who: "),
     "version as text": ("version = 1", 'version = "1"', "version: "),
-    "version zero": ("version = 1", "version = 0", "version: "),
     "kind a list": ('"laser"', '["laser"]', "expected one of"),
     "values of another kind": ('"laser"', '"load_cell"', "inclination: unknown key"),
 }
@@ -92,14 +86,6 @@ def test_all_mistakes_are_listed_with_their_lines(tmp_path):
     assert len(caught.value.problems) >= 4
 
 
-@pytest.mark.parametrize("text", ["version = 1\nversion = 1\n", "a = [", "\0"])
-def test_file_that_is_no_toml_is_refused(tmp_path, text):
-    with pytest.raises((SourceError, ConfigError)):
-        load(tmp_path, text)
-    with pytest.raises(CalibrationError, match="has version 2"):
-        load(tmp_path, LASER.replace("version = 1", "version = 2"))
-
-
 VALID = {"start": "2024-05-14T10:00:00", "serial": "1234567"}
 
 
@@ -110,6 +96,10 @@ def test_fitting_record_says_what_was_checked(tmp_path):
     assert checked["validity_check"] == "valid on 2024-05-14"
     with pytest.raises(CalibrationError, match="calibrates a laser, expected a record of a load cell"):
         require(load(tmp_path, LASER), "load_cell", VALID)
+    with pytest.raises(CalibrationError, match="has version 2"):
+        load(tmp_path, LASER.replace("version = 1", "version = 2"))
+    with pytest.raises(ConfigError, match="Invalid value"):
+        load(tmp_path, "a = [")
 
 
 def test_the_sensor_of_the_readings_is_compared_as_far_as_it_is_known(tmp_path):
@@ -130,23 +120,12 @@ def test_both_ends_of_the_period_belong_to_it(tmp_path):
             require(record, "laser", {}, measured=day)
 
 
-@pytest.mark.parametrize("day", ["2000-01-01", "2099-05-14"])
-def test_a_clock_that_was_never_set_tells_no_day(tmp_path, day):
+def test_a_clock_that_was_never_set_tells_no_day(tmp_path):
     record = load(tmp_path, LASER)
-    assert require(record, "laser", {"start": f"{day}T00:00:12"})["no_day"] == WRONG_CLOCK
-    with pytest.raises(CalibrationError):  # a person wrote it
-        require(record, "laser", {}, measured=date.fromisoformat(day))
-
-
-def test_a_measurement_without_a_day_says_that_nothing_was_checked(tmp_path):
-    record = load(tmp_path, LASER)
+    for day in ("2000-01-01", "2099-05-14"):
+        assert require(record, "laser", {"start": f"{day}T00:00:12"})["no_day"] == WRONG_CLOCK
+        with pytest.raises(CalibrationError):  # a person wrote it
+            require(record, "laser", {}, measured=date.fromisoformat(day))
     assert require(record, "laser", {"start": ""})["no_day"] == UNDATED
     with pytest.raises(CalibrationError, match="must read like"):
         require(record, "laser", {}, measured="14.5.2024")
-
-
-def test_records_are_read_without_the_numerical_stack(tmp_path):
-    path = tmp_path / "record.toml"
-    path.write_text(LASER, encoding="utf-8")
-    code = f"import sys, calibration; calibration.load_record({str(path)!r}); sys.exit('numpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

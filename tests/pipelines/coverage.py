@@ -14,7 +14,7 @@ import sys
 import tempfile
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,6 +82,15 @@ def note(scores: Scores, name: str, error: object, u: object) -> None:
     scores[name] += z[np.isfinite(z)].tolist()
 
 
+def noted(
+    scores: Scores, found: Any, known: Mapping[str, Any], names: Sequence[str], at: Any = 0, suffix: str = ""
+) -> None:
+    """Keep the errors of quantities at a place of a result, whose truths go by the same names."""
+    for name in names:
+        error = np.atleast_1d(found[name].values)[at] - known[name]
+        note(scores, name.replace("_", " ") + suffix, error, np.atleast_1d(found[f"u_{name}"].values)[at])
+
+
 def truth(folder: Path, name: str) -> dict[str, Any]:
     known: dict[str, Any] = json.loads((folder / f"truth/{name}.json").read_text("utf-8"))
     return known
@@ -114,26 +123,16 @@ def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
         parts.append((moved, ball_drop.bounces(moved, settings=settings)))
     known = [truth(folder, f"d_{i}") for i in (1, 2)]
     for (_, found), one in zip(parts, known, strict=True):
-        count = min(3, found.sizes["impact"], len(one["liftoff_time"]))
-        for name in ("restitution", "incoming_speed", "outgoing_speed", "touch_time", "liftoff_time"):
-            note(
-                scores,
-                name.replace("_", " "),
-                found[name].values[:count] - one[name][:count],
-                found[f"u_{name}"].values[:count],
-            )
+        some = slice(min(3, found.sizes["impact"], len(one["liftoff_time"])))
+        names = ("restitution", "incoming_speed", "outgoing_speed", "touch_time", "liftoff_time")
+        noted(scores, found, {name: one[name][some] for name in names}, names, some)
     slow = [ball_drop.velocity(*part, settings=settings) for part in parts]
     moved, found = ([p[i] for p in parts] for i in (0, 1))
     made = ball_drop.repeats(moved, slow, found, settings=settings)
-    count = min(3, made.sizes["impact"], *(len(one["liftoff_time"]) for one in known))
-    for name in ("restitution", "outgoing_speed"):
-        true = np.mean([one[name][:count] for one in known], axis=0)
-        note(
-            scores,
-            f"{name.replace('_', ' ')}, mean of two",
-            made[name].values[:count] - true,
-            made[f"u_{name}"].values[:count],
-        )
+    some = slice(min(3, made.sizes["impact"], *(len(one["liftoff_time"]) for one in known)))
+    names = ("restitution", "outgoing_speed")
+    mean = {name: np.mean([one[name][some] for one in known], axis=0) for name in names}
+    noted(scores, made, mean, names, some, ", mean of two")
 
 
 def plates(folder: Path, seed: int, scores: Scores) -> None:
@@ -161,9 +160,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     moved = laser_readings.displacement(readings, record, settings=settings)
     ringing = plate_vibration.ringing(moved, settings=settings)
     found, known = plate_vibration.table([ringing], settings=settings), truth(folder, "p_1")
-    for quantity in ("natural_frequency", "damping_ratio", "amplitude"):
-        error = found[quantity].values[0] - known[quantity]
-        note(scores, quantity.replace("_", " "), error, found[f"u_{quantity}"].values[0])
+    noted(scores, found, known, ("natural_frequency", "damping_ratio", "amplitude"))
     note(scores, "time of impact", float(ringing["blow_time"]) - known["blow_time"], float(ringing["u_blow_time"]))
     made = plate_vibration_model.plate(found, [curve], settings=settings)
     note(scores, "modal mass", float(made["mass"]) - floor.mass, float(made["u_mass"]))
@@ -188,21 +185,11 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
     radius = np.sqrt(stated.radius * approach)
     seen = np.isfinite(found["contact_radius"].values) & (time > 10.0)
     some = np.flatnonzero(seen)[:: max(int(seen.sum()) // 12, 1)]
-    note(
-        scores,
-        "contact radius",
-        (found["contact_radius"].values - radius)[some],
-        found["u_contact_radius"].values[some],
-    )
+    noted(scores, found, {"contact_radius": radius[some]}, ("contact_radius",), some)
     for load, edges in enumerate(zip(steps["begin"].values, steps["end"].values, strict=True)):
         first, last = (approach[w].mean() for w in static_loading.windows(time, edges, settings))
-        for name, true in (("level_approach", last), ("creep", last - first)):
-            note(
-                scores,
-                f"{name.replace('_', ' ')} under a load",
-                found[name].values[load] - true,
-                found[f"u_{name}"].values[load],
-            )
+        reached = {"level_approach": last, "creep": last - first}
+        noted(scores, found, reached, tuple(reached), load, " under a load")
 
 
 def relaxations(folder: Path, seed: int, scores: Scores) -> None:
@@ -217,18 +204,13 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     ramps = relaxation.ramps(loads, settings=settings)
     curves = relaxation_moduli.curves(loads, ramps, None, None, settings=settings)
     known = truth(folder, Path(names[0]).stem)
-    for name in ("plateau_force", "depth"):
-        note(scores, name.replace("_", " "), float(ramps[name][0]) - known[name], ramps[f"u_{name}"].values[0])
+    noted(scores, ramps, known, ("plateau_force", "depth"))
     note(scores, "first touch", float(ramps["contact_position"]) - known["surface"], ramps["u_contact_position"].values)
     # The plateau's own modulus is asked for here, not the relaxed one that it still falls to.
-    real = Geometry.of(
-        msgspec.structs.replace(
-            settings.punch, radius=Quantity(specimen.tip_radius, 0.0, "m"), depth=Quantity(specimen.depth, 0.0, "m")
-        ),
-        settings.substrate,
-        settings.model,
-        0.5,
+    punch = msgspec.structs.replace(
+        settings.punch, radius=Quantity(specimen.tip_radius, 0.0, "m"), depth=Quantity(specimen.depth, 0.0, "m")
     )
+    real = Geometry.of(punch, settings.substrate, settings.model, 0.5)
     modulus = known["plateau_force"] / float(elastic_force(np.array([0.1e-3]), real)[0])
     unfinished = float(ramps["unfinished"][0] / ramps["plateau_force"][0])
     found, u = (float(curves[f"{p}reduced_modulus"][0]) for p in ("", "u_"))
@@ -247,17 +229,9 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
     readings = mach1_readings.readings(folder / settings.mach1, settings=settings)
     loads = mach1_readings.loads(readings, folder / "calibration/load_cell.toml", settings=settings)
     found = harmonic.oscillations(loads, settings=settings)
+    parts = "frequency", "amplitude", "force_amplitude", "storage_stiffness", "loss_stiffness", "work_per_cycle"
     for i, known in enumerate(truth(folder, "h")["oscillations"]):
-        for name in (
-            "frequency",
-            "amplitude",
-            "force_amplitude",
-            "storage_stiffness",
-            "loss_stiffness",
-            "work_per_cycle",
-        ):
-            error = float(found[name][i]) - known[name]
-            note(scores, name.replace("_", " "), error, found[f"u_{name}"].values[i])
+        noted(scores, found, known, parts, i)
 
 
 _STATED = Specimen(materials.load("nbr"))
@@ -290,13 +264,8 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
         temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist())
     )
     export = write_dma(folder, name, solid, protocol, seed)
-    settings = Dma(
-        kind="dma",
-        rheometer=[export],
-        mode=solid.mode,
-        nu=Quantity(solid.nu, 0.0, "1"),
-        T_ref=Quantity(at, 0.0, "degC"),
-    )
+    nu, T_ref = Quantity(solid.nu, 0.0, "1"), Quantity(at, 0.0, "degC")
+    settings = Dma(kind="dma", rheometer=[export], mode=solid.mode, nu=nu, T_ref=T_ref)
     read = dma.readings(folder / export, settings=settings)
     found = dma_model.master_curve(dma.gathered([read], settings=settings), settings=settings)
     shift = np.array(truth(folder, name)["log10_aT"]) - solid.log10_aT(at)
@@ -359,12 +328,8 @@ def films_from_the_front(folder: Path, seed: int, scores: Scores) -> None:
     pixels = track["dy"].values[:, 0] - np.array(known["dy"])[track["frame"].values]
     note(scores, "displacement in px", pixels[some], track["u_dy"].values[some, 0])
     bounces = dic_validation.bounces(moved, settings=settings)
-    note(
-        scores,
-        "first contact",
-        float(bounces["first_contact_time"]) - known["touch_time"][0],
-        float(bounces["u_first_contact_time"]),
-    )
+    touched, u_touched = (float(bounces[f"{p}first_contact_time"]) for p in ("", "u_"))
+    note(scores, "first contact", touched - known["touch_time"][0], u_touched)
     speed = dic_validation.velocity(moved, bounces, settings=settings)
     # In the fall the truth is gravity's.
     time = moved["time"].values
@@ -390,17 +355,7 @@ KINDS: dict[str, tuple[Kind, int]] = {
 
 
 def swept(kind: str, seeds: int, folder: Path, first: int = 0) -> Scores:
-    """Errors over uncertainties of as many experiments of one kind.
-
-    Parameters
-    ----------
-    kind : str
-    seeds : int
-    folder : Path
-        Each experiment gets a folder in it.
-    first : int
-        The first seed.
-    """
+    """Errors over uncertainties of as many experiments of one kind, each in a folder of its own."""
     scores: Scores = defaultdict(list)
     refused: list[str] = []
     for seed in range(first, first + seeds):

@@ -58,8 +58,5 @@ def test_options_that_do_not_fit_are_usage_errors(options: list[str], words: str
     done = CliRunner().invoke(acquire, arguments)
     assert done.exit_code == 2
     assert words in done.output
-
-
-def test_the_example_of_the_help_has_every_option_that_is_needed() -> None:
     example = CliRunner().invoke(acquire, ["--help"]).output
     assert {"--host", "--decimals", "--duration"} <= set(example.split())

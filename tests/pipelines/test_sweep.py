@@ -80,7 +80,6 @@ class Counting:
         ("height", "1 mm, 5 mm", (0.001, 0.005)),
         ("height", "1 mm : 10 mm : 4", (0.001, 0.004, 0.007, 0.01)),
         ("height", "1 mm : 4 mm : 3 : log", (0.001, 0.002, 0.004)),
-        ("material", "acrylic, nylon", ("acrylic", "nylon")),
         ("temperature", "20 degC : 40 degC : 3", (20.0, 30.0, 40.0)),
     ],
 )
@@ -94,7 +93,6 @@ def test_values_of_an_axis_are_read(name: str, text: str, values: tuple[Value, .
         ("heigth", "1 mm", 'did you mean "height"'),
         ("height", "1 kg", "is in kg; expected m"),
         ("height", "1 mm : 2 mm", "first : last : number"),
-        ("height", "1 mm : 2 mm : 1", "at least two points"),
         ("height", "0 mm : 2 mm : 3 : log", "positive ends"),
         ("height", "1 ± 0.1 mm", "no uncertainty"),
         ("height", "1 mm, 2 mm, 1 mm", "a value is given twice"),
@@ -125,13 +123,11 @@ def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None
     assert swept.dataset.restitution.attrs["units"] == "1"
     assert (swept.computed, swept.reused, swept.failed) == (4, 0, 0)
     assert not (tmp_path / "map.parts").exists()
-
-
-def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
-    found = sweep("indent", tmp_path / "work.nc", vary={"amplitude": "2 um, 4 um"}, fixed={"hold": "10 s"}).dataset
-    work = found.dissipated_work.values
-    assert work[1] / work[0] == pytest.approx(4.0, rel=0.05)  # quadratic while contact holds
-    assert (found.least_half_width > 0.0).all()
+    worked = sweep("indent", tmp_path / "work.nc", vary={"amplitude": "2 um, 4 um"}, fixed={"hold": "10 s"}).dataset
+    # quadratic while contact holds
+    assert worked.dissipated_work.values[1] / worked.dissipated_work.values[0] == pytest.approx(4.0, rel=0.05)
+    warm = sweep("drop", tmp_path / "warm.nc", vary={"temperature": "20 degC, 60 degC"}, fixed={"rtol": "1e-3"}).dataset
+    assert np.diff(warm["peak_force"].values) < 0.0
 
 
 def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(
@@ -190,26 +186,6 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     assert list(found["x"].values[lost]) == [13.0, 14.0]
     kept = np.delete(np.arange(20), lost)
     np.testing.assert_array_equal(found["sum"].values[kept], kept + 3.0)
-
-
-def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> None:
-    from importlib import resources
-
-    library = resources.files("labpipe.materials") / "library"
-    own, found = tmp_path / "own.toml", []
-    for name in ("acrylic", "ptfe"):
-        own.write_text((library / f"{name}.toml").read_text("utf-8"), "utf-8")
-        swept = sweep("drop", tmp_path / "map.nc", fixed={"material": str(own), "rtol": "0.001"})
-        found.append(float(swept.dataset.restitution))
-    assert found[0] - found[1] > 0.05
-
-
-@pytest.mark.parametrize(("swept", "rises"), [("vertical_shift = 1, 1.5", 1), ("temperature = 20 degC, 60 degC", -1)])
-def test_the_state_of_a_material_can_be_mapped(swept: str, rises: int, tmp_path: Path) -> None:
-    name, values = swept.split(" = ")
-    found = sweep("drop", tmp_path / "map.nc", vary={name: values}, fixed={"rtol": "1e-3"})
-    assert found.failed == 0
-    assert np.sign(np.diff(found.dataset["peak_force"].values)) == rises
 
 
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:

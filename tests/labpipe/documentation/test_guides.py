@@ -38,21 +38,19 @@ def commands() -> list[tuple[str, str]]:
 def parse(command: click.Command, words: list[str], parent: click.Context) -> None:
     """Parse the words of a command without running it; unknown options raise."""
     context = click.Context(command, info_name=command.name, parent=parent)
-    options, rest, _ = command.make_parser(context).parse_args(list(words))
-    del options
+    _, rest, _ = command.make_parser(context).parse_args(list(words))
     if isinstance(command, click.Group) and rest:
         inner = command.get_command(context, rest[0])
         assert inner is not None, rest[0]
         parse(inner, words[words.index(rest[0]) + 1 :], context)
 
 
-@pytest.mark.parametrize(("page", "line"), commands())
-def test_every_command_in_a_guide_is_one(page: str, line: str) -> None:
-    words = shlex.split(line)[1:]
-    if words[0].startswith("-"):
-        words = []
-    parse(cli, words, click.Context(cli))
-    assert not words or words[0] in COMMANDS, page
+def test_every_command_in_a_guide_is_one() -> None:
+    for page, line in commands():
+        words = shlex.split(line)[1:]
+        if not words[0].startswith("-"):
+            parse(cli, words, click.Context(cli))
+            assert words[0] in COMMANDS, (page, line)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -92,13 +90,6 @@ def test_the_session_of_the_guide_is_accepted(tmp_path: Path) -> None:
     session = open_session(tmp_path)
     assert list(session.experiments) == ["acrylic_7mm", "warm"]
     assert set(tomllib.loads(example)) == {"labpipe", "session", "defaults", "experiments", "variants"}
-
-
-def test_messages_quoted_in_a_guide_are_said_somewhere() -> None:
-    quoted = ["the file does not say its sampling cycle", "the last line is cut"]
-    text = (FOLDER / "experimenter.md").read_text("utf-8")
-    known = (ROOT / "tests/errors/messages.toml").read_text("utf-8")
-    assert all(words in text and words in known for words in quoted)
 
 
 def test_guides_are_short() -> None:

@@ -15,7 +15,7 @@ def told(solid: Viscoelastic, seed: int, longest: float = 600.0) -> LongTimeModu
     return long_time_modulus(infer(*hold(solid, seed, shortest=0.2, longest=longest, noise=1e-3, gain=_GAIN)))
 
 
-@pytest.mark.parametrize("order", [0.08, 0.15, 0.3])
+@pytest.mark.parametrize("order", [0.08, 0.3])
 def test_power_law_tail_is_bounded_from_above_only(order: float) -> None:
     solid = Viscoelastic((Element(3e7, 1e-4, order),), 2e6, 0.5)
     said = told(solid, 1)

@@ -31,10 +31,3 @@ def test_intervals_hold_the_truth_and_reach_the_bound() -> None:
     # over several structures of the spectrum an answer may be a little surer than the bound of one
     assert np.all((np.median(widths, axis=0) > 0.9) & (np.median(widths, axis=0) < 2.0))
     assert np.mean(holds) >= 0.85
-
-
-def test_rubbers_differ_and_lose_energy() -> None:
-    rubbers = [random_rubber(seed) for seed in range(5)]
-    found = [complex(r.modulus(FREQUENCIES[1])) for r in rubbers]
-    assert all(0.0 < m.imag < m.real for m in found)
-    assert len({round(r.relaxed) for r in rubbers}) == 5

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from scipy.special import ellipe, ellipk
 
 from labpipe.arrays import Floats
@@ -82,74 +83,53 @@ def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:
     return 1.0 + scene.visibility * envelope * np.cos(4.0 * np.pi * gap / scene.wavelength + scene.phase)
 
 
-def over_pixels(
-    lines: Sequence[Floats],
-    finely: int,
-    scene: Scene,
-    centre: tuple[float, float],
-    samples: int,
-    form: tuple[float, float, float] = (1.0, 0.0, 1.0),
-) -> list[Floats]:
-    """Mean over every pixel (row, column) of functions of the distance from a centre (px).
-
-    ``lines`` tabulate them ``finely`` times in each px; a pixel is seen at ``samples`` squared places. The square of
-    the distance is ``form[0] x**2 + 2 form[1] x y + form[2] y**2``: an ellipse, where it is not the usual one.
-    """
-    steps = (np.arange(samples) + 0.5) / samples - 0.5
-    totals = [np.zeros((scene.rows, scene.columns)) for _ in lines]
-    along_x, both, along_y = (finely**2 * part for part in form)
-    for oy in steps:
-        y = np.arange(scene.rows)[:, None] + (oy - centre[1])
-        for ox in steps:
-            x = np.arange(scene.columns) + (ox - centre[0])
-            square = along_x * x**2 + along_y * y**2
-            if both:
-                square += (2.0 * both * y) * x
-            places = np.rint(np.sqrt(square, out=square), out=square).astype(np.int32)
-            for number, line in enumerate(lines):
-                totals[number] += line.take(places)
-    return [total / samples**2 for total in totals]
-
-
 def clean_image(
     scene: Scene,
     a: float,
     centre: tuple[float, float],
     gap: float = 0.0,
     travel: float = 0.0,
-    sideways: float = 0.0,
     samples: int = 5,
-    exposures: int = 1,
     profile: tuple[Floats, Floats] | None = None,
 ) -> Floats:
-    """Mean grey level of every pixel.
+    """Mean grey level of every pixel of a contact at ``centre`` (px).
 
-    ``centre`` in px; ``gap`` lifts a rigid sphere (a = 0); ``travel`` is the change of a (m) during
-    the exposure, ``sideways`` that of the centre (px).
+    ``gap`` lifts a rigid sphere (a = 0); ``travel`` is the change of a (m) during the exposure; ``profile`` tabulates
+    another gap.
     """
-    if travel or sideways:
-        steps = (np.arange(exposures) + 0.5) / exposures - 0.5
-        images = [
-            clean_image(scene, a + step * travel, (centre[0] + step * sideways, centre[1]), gap, samples=samples)
-            for step in steps
-        ]
-        return np.mean(images, axis=0)
-    # The pattern is a function of the distance: sample it finely once, to 1/200 px.
+    moments = (np.arange(25) + 0.5) / 25 - 0.5 if travel else np.zeros(1)
+    return exposed_image(scene, [(a + moment * travel, gap) for moment in moments], centre, samples, profile)
+
+
+def exposed_image(
+    scene: Scene,
+    states: Sequence[tuple[float, float]],
+    centre: tuple[float, float],
+    samples: int,
+    profile: tuple[Floats, Floats] | None = None,
+) -> Floats:
+    """Mean grey level of every pixel over radii and gaps (m) in the exposure, each pixel at ``samples`` squared places.
+
+    The pattern is a function of the distance, which is tabulated 200 times in each pixel.
+    """
+    finely = 200
     largest = np.hypot(scene.columns + abs(centre[0]), scene.rows + abs(centre[1])) + 2.0
-    metres = np.arange(0.0, largest, 0.005) * scene.pixel_size
-    gaps = gap_of_hertz(metres, a, scene.sphere_radius) + gap
+    metres = np.arange(0.0, largest, 1.0 / finely) * scene.pixel_size
+    gaps = [gap_of_hertz(metres, a, scene.sphere_radius) + gap for a, gap in states]
     if profile is not None:
-        gaps = np.interp(metres, *profile)
-    (total,) = over_pixels(
-        [intensity_of_gap(gaps, scene)], 200, scene, centre, samples, ((1.0 + scene.stretch) ** -2, 0.0, 1.0)
-    )
-    return lit(total, scene)
+        gaps = [np.interp(metres, *profile)]
+    line = np.mean([intensity_of_gap(one, scene) for one in gaps], axis=0)
+    total = np.zeros((scene.rows, scene.columns))
+    steps = (np.arange(samples) + 0.5) / samples - 0.5
+    for oy, ox in itertools.product(steps, steps):
+        y = np.arange(scene.rows)[:, None] + (oy - centre[1])
+        x = (np.arange(scene.columns) + (ox - centre[0])) / (1.0 + scene.stretch)
+        total += line.take(np.rint(finely * np.hypot(x, y)).astype(np.int32))
+    return lit(total / samples**2, scene)
 
 
 def lit(relative: Floats, scene: Scene) -> Floats:
     """Apply illumination, blur and the camera's curve to relative intensities."""
-    from scipy.ndimage import gaussian_filter
-
     across = (np.arange(scene.columns) - 0.5 * scene.columns) / (0.5 * scene.columns)
     down = ((np.arange(scene.rows) - 0.5 * scene.rows) / (0.5 * scene.rows))[:, None]
     light = 1.0 + scene.slope_x * across + scene.slope_y * down

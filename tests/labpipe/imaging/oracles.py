@@ -13,20 +13,7 @@ from labpipe.imaging.dic._subsets import _RIGID_FROM_AFFINE
 
 
 def prefilter_oracle(image: NDArray[np.generic], order: int) -> NDArray[np.float64]:
-    """Compute the coefficients with ``scipy.ndimage`` in float64, without border.
-
-    Parameters
-    ----------
-    image : array (row, column)
-        Grey levels.
-    order : 3 or 5
-        Cubic or quintic.
-
-    Returns
-    -------
-    array (row, column)
-        The coefficients that :func:`prefilter` approximates in float32.
-    """
+    """Compute the coefficients that ``prefilter`` approximates in float32 by ``scipy.ndimage``, without border."""
     return np.asarray(spline_filter(image, order, output=np.float64, mode="mirror"))
 
 
@@ -42,33 +29,9 @@ def solve_oracle(
     tolerance: float = 1e-6,
     max_iterations: int = 30,
 ) -> tuple[Floats, float]:
-    """Match one subset with ``scipy.ndimage`` in float64: the check on ``solve``.
+    """Match one subset with ``scipy.ndimage`` in float64: the motion (6,) and the correlation, as ``solve`` finds them.
 
-    Parameters
-    ----------
-    reference, image : arrays (row, column)
-        Grey levels.
-    centre : (x, y) [px]
-        Centre pixel of the subset.
-    half : int [px]
-        Half width.
-    is_rigid : bool
-        Translation and rotation, or affine.
-    order : 3 or 5
-        Spline order.
-    motion : array (6,) [px]
-        Start.
-    tolerance : float [px]
-        Step at which to stop.
-    max_iterations : int
-        Steps allowed.
-
-    Returns
-    -------
-    motion : array (6,)
-        As in :class:`Solution`.
-    zncc : float
-        Correlation at the solution.
+    ``centre`` is (x, y), ``half`` the half width in px; the solver stops at a step below ``tolerance`` px.
     """
     i, j = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
     area = np.s_[centre[1] - half : centre[1] + half + 1, centre[0] - half : centre[0] + half + 1]
@@ -108,29 +71,3 @@ def solve_oracle(
         if np.hypot(step[0], step[3]) < tolerance:
             break
     return p, zncc
-
-
-def plain_lines(
-    x: Floats,
-    y: Floats,
-    along_x: Floats,
-    along_y: Floats,
-    weight: Floats,
-    shape: tuple[int, int],
-    cell: float,
-    margin: float,
-    reach: int,
-) -> Floats:
-    """Add up the weights of the lines that go through each cell, counted once a cell width.
-
-    The numpy twin of :func:`labpipe.imaging.fringes._vote_kernel.count_lines`, to the same bits.
-    """
-    rows, columns = shape
-    steps = (np.arange(-reach, reach + 1) * cell)[:, None]
-    column = np.floor((x + steps * along_x + margin) / cell).astype(np.int64)
-    row = np.floor((y + steps * along_y + margin) / cell).astype(np.int64)
-    is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    weights = np.broadcast_to(weight, column.shape)[is_inside]
-    cells = row[is_inside] * columns + column[is_inside]
-    votes: Floats = np.bincount(cells, weights, minlength=rows * columns).astype(np.float64)
-    return votes.reshape(rows, columns)

@@ -128,10 +128,9 @@ def cramer_rao_bound(
 ) -> NDArray[np.float64]:
     """Least standard deviation (point, 2) of (dx, dy) in px that any estimator can have.
 
-    The Fisher information of the motion with gain and offset as further unknowns; gradients of
-    the noise-free image by the Fourier derivative over the subset's surroundings. The noise of
-    one frame is ``noise`` and the rounding to whole grey levels; the reference holds the mean of
-    ``static_frames`` such frames.
+    By the Fisher information of the motion with gain and offset as further unknowns, and gradients of the noise-free
+    image by the Fourier derivative. The noise of a frame is ``noise`` and the rounding to whole grey levels; the
+    reference holds the mean of ``static_frames``.
     """
     variance = (noise**2 + 1 / 12) * (1 + 1 / static_frames)
     grey = np.asarray(image, float)
@@ -142,11 +141,8 @@ def cramer_rao_bound(
     for n, (x, y) in enumerate(np.rint(points).astype(int)):
         area = np.s_[y - half : y + half + 1, x - half : x + half + 1]
         gx, gy, f = gradient_x[area], gradient_y[area], grey[area]
-        motion = (
-            [gx, gy, gy * j - gx * i]
-            if shape == "rigid"
-            else [gx, gy] + [g * offset for g in (gx, gy) for offset in (i, j)]
-        )
+        affine = [g * offset for g in (gx, gy) for offset in (i, j)]
+        motion = [gx, gy, *([gy * j - gx * i] if shape == "rigid" else affine)]
         jacobian = np.stack([*motion, f, np.ones_like(f)]).reshape(len(motion) + 2, -1)
         covariance = np.linalg.inv(jacobian @ jacobian.T)
         result[n] = np.sqrt(variance * np.diag(covariance)[:2])

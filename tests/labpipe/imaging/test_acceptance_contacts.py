@@ -1,7 +1,6 @@
 """Contact radii against stored and computed truth: errors, coverage, false and missed contacts."""
 
 import json
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -10,50 +9,18 @@ import pytest
 import xarray as xr
 
 import instruments
-from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from pipelines.rig import sample
-from tests.labpipe.imaging.impact_film import Camera, Film, hovering, impact
+from tests.labpipe.imaging.fringe_film import Scene
+from tests.labpipe.imaging.impact_film import CAMERA, Film, Score, hovering, impact, score
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 BUNDLED = sorted(SAMPLES.glob("*/film/*under.cine"))
 
 
-@dataclass(frozen=True)
-class Score:
-    """Errors of the contacts that are measured [m], their ratio to u, and frames that are wrongly decided."""
-
-    errors: Floats
-    ratios: Floats
-    false: list[int]
-    missed: list[int]
-
-    @property
-    def covered(self) -> float:
-        """Share within 2 u."""
-        return float(np.mean(np.abs(self.ratios) < 2.0))
-
-
-def score(found: xr.Dataset, truth: Floats, largest: Floats, other_u: float | Floats = 0.0) -> Score:
-    """Compare with the radius in the middle of the exposure, where that is above ``least_radius``.
-
-    A contact that begins or ends within the exposure may be missed: half of the frame shows none.
-    """
-    seen, radius = found.in_contact.values.astype(bool), found.radius.values
-    is_large = truth > found.attrs["least_radius"]
-    measured = np.flatnonzero(seen & is_large & np.isfinite(radius) & (found.method.values != 2))
-    errors = radius[measured] - truth[measured]
-    ratios = errors / np.hypot(found.u_radius.values, other_u)[measured]
-    clear = is_large & (largest < 1.3 * truth)
-    return Score(
-        errors, ratios, np.flatnonzero(seen & (largest <= 0.0)).tolist(), np.flatnonzero(~seen & clear).tolist()
-    )
-
-
-def of_film(film: Film, **options: float) -> Score:
-    camera = film.camera
-    given = camera.pixel_size, camera.sphere_radius, camera.wavelength
-    return score(contact_radius(film.frames, *given, **options), film.radius, film.largest)
+def of_film(film: Film, scene: Scene = CAMERA) -> Score:
+    given = scene.pixel_size, scene.sphere_radius, scene.wavelength
+    return score(contact_radius(film.frames, *given), film.radius, film.largest)
 
 
 pytestmark = [
@@ -64,7 +31,7 @@ pytestmark = [
 
 @cache
 def impacts(exposure: float, seed: int) -> Score:
-    return of_film(impact(Camera(), exposure, seed))
+    return of_film(impact(CAMERA, exposure, seed))
 
 
 @pytest.mark.parametrize(
@@ -89,8 +56,8 @@ def test_nineteen_of_twenty_radii_lie_within_two_uncertainties(exposure: float) 
 
 
 def test_a_contact_off_the_centre_in_uneven_light_is_measured() -> None:
-    camera = Camera(slope=(0.3, -0.15), vignette=0.15)
-    found = of_film(impact(camera, 20e-6, 11, centre=(190.3, 130.7)))
+    scene = CAMERA.change(slope_x=0.3, slope_y=-0.15, vignette=0.2)
+    found = of_film(impact(scene, 20e-6, 11, centre=(190.3, 130.7)), scene)
     assert (found.false, found.missed) == ([], [])
     assert np.abs(found.errors).max() < 0.06e-6
     assert found.covered >= 0.85
@@ -102,14 +69,14 @@ def test_a_contact_off_the_centre_in_uneven_light_is_measured() -> None:
                              (8e-6, 60), pytest.param(8e-6, 600, marks=pytest.mark.slow)]
 )  # fmt: skip
 def test_a_hovering_sphere_is_no_contact(coherence: float, count: int) -> None:
-    camera = Camera(rows=200, columns=280, coherence=coherence)
+    scene = CAMERA.change(rows=200, columns=280, coherence=coherence)
     rng = np.random.default_rng(3)
     third = count // 3
     gaps = np.concatenate(
         [rng.uniform(0.0, 1e-6, third), rng.uniform(0.0, 200e-6, third), np.linspace(0.0, 0.4e-6, third)]
     )
-    film = hovering(camera, gaps, 0.03, 2e-6, 5)
-    found = contact_radius(film.frames, camera.pixel_size, camera.sphere_radius, camera.wavelength)
+    film = hovering(scene, gaps, 0.03, 2e-6, 5)
+    found = contact_radius(film, scene.pixel_size, scene.sphere_radius, scene.wavelength)
     assert np.flatnonzero(found.in_contact).tolist() == []
 
 

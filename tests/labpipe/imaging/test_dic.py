@@ -1,7 +1,6 @@
 """Image correlation on speckle films whose every pixel is known from a formula."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -64,10 +63,13 @@ class Recorder(ArrayFrames):
 # --- accuracy -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "limit"), [("medium", 0.0003), ("fine", 0.0015)])
-@pytest.mark.parametrize("shape", ["rigid", "affine"])
-def test_bias_over_a_pixel_is_below_its_limit(kind: str, limit: float, shape: str) -> None:
-    found = track(make_film(kind, SHIFTS), grid(SIZE, 22, 12), shape=shape)
+@pytest.mark.parametrize(
+    ("kind", "shape", "order", "limit"),
+    [("medium", "rigid", 5, 0.0003), ("medium", "affine", 5, 0.0003), ("fine", "rigid", 5, 0.0015),
+     ("medium", "rigid", 3, 0.0012)],
+)  # fmt: skip
+def test_bias_over_a_pixel_is_below_its_limit(kind: str, shape: str, order: int, limit: float) -> None:
+    found = track(make_film(kind, SHIFTS), grid(SIZE, 22, 12) + np.array([0.5, -0.4]), shape=shape, order=order)
     assert found.valid.all()
     assert np.abs(error(found, SHIFTS).mean(axis=1)).max() <= limit
 
@@ -93,43 +95,6 @@ def test_error_reaches_the_cramer_rao_bound_and_is_predicted(subset: int, shape:
     assert np.abs(np.mean(errors, axis=(0, 2))).max() < 0.0006
 
 
-@pytest.mark.parametrize(("noise", "static_frames"), by_day([(8.0, 16), (8.0, 1), (2.0, 16)], 1))
-def test_predicted_uncertainty_holds_for_more_noise_and_an_averaged_reference(noise: float, static_frames: int) -> None:
-    motions = (Motion(),) * static_frames + SHIFTS[1::3]
-    film = make_film("medium", motions, noise)
-    found = track(film, grid(SIZE, 22, 12), 21, static_frames=static_frames)
-    moving = error(found, motions)[static_frames:]
-    predicted = np.stack([found.u_dx, found.u_dy], axis=-1)[static_frames:]
-    assert np.sqrt((predicted**2).mean()) == pytest.approx(np.sqrt((moving**2).mean()), rel=0.1)
-    turn = found.rotation[static_frames:].values
-    predicted_turn = found.u_rotation[static_frames:].values
-    assert np.sqrt((predicted_turn**2).mean()) == pytest.approx(np.sqrt((turn**2).mean()), rel=0.12)
-
-
-def test_static_frames_scatter_about_zero_as_predicted() -> None:
-    motions = (Motion(),) * 12
-    found = track(make_film("medium", motions, 4.0), grid(SIZE, 22, 12), 21, static_frames=12)
-    assert np.abs(found.dx.mean("frame")).max() < 1e-12
-    predicted = np.sqrt((found.u_dx**2).mean())
-    assert np.sqrt((found.dx**2).mean()) == pytest.approx(float(predicted), rel=0.1)
-
-
-def test_the_mean_of_64_static_frames_lowers_the_noise_to_its_bound() -> None:
-    motions = (Motion(),) * 64 + SHIFTS[1::2]
-    speckle = make_speckle("medium", SIZE)
-    still = grey_levels(speckle, SIZE)
-    film = np.stack(
-        [digitise(still, 2.0, k) for k in range(64)]
-        + [render(speckle, SIZE, m, 2.0, 64 + k) for k, m in enumerate(motions[64:])]
-    )
-    points = grid(SIZE, 22, 12)
-    found = track(film, points, 21, static_frames=64)
-    scatter = np.sqrt((error(found, motions)[64:] ** 2).mean())
-    bound = cramer_rao_bound(digitise(still, 0.0, 0), points, 21, "rigid", 2.0, static_frames=64)
-    assert scatter <= 1.05 * np.sqrt((bound**2).mean())
-    assert scatter < 0.0058
-
-
 def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> None:
     size = (216, 216)
     centre = np.array([(108.0, 108.0)])
@@ -144,25 +109,12 @@ def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> No
     truth = (Motion(),) * 64 + motions * repeats
     found = track(film, centre, 201, "rigid", static_frames=64)
     assert found.valid.all()
+    assert np.abs(found.dx[:64].mean("frame")).max() < 1e-12
     wrong = error(found, truth)[64:]
     bound = cramer_rao_bound(digitise(still, 0.0, 0), centre, 201, "rigid", 2.0, 64)
     assert np.sqrt((wrong**2).mean()) <= 1.05 * np.sqrt((bound**2).mean())
     angle = found.rotation.values[64:, 0] - np.array([m.angle for m in motions * repeats])
     assert np.sqrt((angle**2).mean()) == pytest.approx(float(found.u_rotation[64:].mean()), rel=0.1)
-
-
-def test_bicubic_is_the_coarser_choice() -> None:
-    film = make_film("medium", SHIFTS)
-    points = grid(SIZE, 22, 14)
-    bias = {order: np.abs(error(track(film, points, order=order), SHIFTS).mean(axis=1)).max() for order in (3, 5)}
-    assert bias[5] < bias[3] < 0.0012
-
-
-def test_displacement_is_that_of_the_point_between_pixels() -> None:
-    film = make_film("medium", (Motion(), TURN))
-    points = grid(SIZE, 40, 30) + np.array([0.5, -0.4])
-    found = track(film, points, 31)
-    assert np.abs(error(found, (Motion(), TURN))[1]).max() < 0.004
 
 
 # --- large motions ------------------------------------------------------------------------------
@@ -187,15 +139,6 @@ def test_no_point_is_lost_in_a_jump_or_a_turn(kind: str, shape: str, motion: Mot
     assert wrong.max() < 8 * max(float(found.u_dx.max()), float(found.u_dy.max()))
     assert np.abs(found.rotation[1:].mean() - motion.angle) < 0.001
     assert (found.zncc[1:] > 0.98).all()
-
-
-def test_a_large_subset_survives_a_jump_with_a_turn() -> None:
-    motion = Motion(12.3, -17.2, np.deg2rad(3.0), (140, 130))
-    motions = (Motion(), motion)
-    film = make_film("medium", motions, noise=2.0)
-    found = track(film, [(140, 130)], 151, "rigid")
-    assert np.abs(error(found, motions)[1]).max() < 0.005
-    assert float(found.rotation[1, 0]) == pytest.approx(motion.angle, abs=1e-4)
 
 
 def test_two_bodies_are_followed_each_on_its_own() -> None:
@@ -277,54 +220,22 @@ def test_damaged_frames_are_rows_of_nan_and_never_read() -> None:
     assert found.valid.values[good].all()
     assert np.abs(error(found, motions)[good]).max() < 0.03
     assert not set(film.asked) & {1, 4, 5}
-
-
-def test_a_frame_with_nan_counts_as_damaged() -> None:
-    motions = tuple(Motion(0.3 * k, 0.0) for k in range(4))
-    film = make_film("medium", motions).astype(np.float32)
-    film[2, 100, 100] = np.nan
-    found = track(film, grid(SIZE, 40, 40))
-    assert not found.valid[2].any()
-    assert found.valid.values[[0, 1, 3]].all()
-
-
-def test_a_covered_point_is_lost_and_found_again() -> None:
-    motions = tuple(Motion(0.0, 0.6 * k) for k in range(12))
-    film = make_film("medium", motions, 2.0)
-    other = render(make_speckle("medium", SIZE, 77), SIZE)
-    film[4:8, 80:150, 80:150] = other[80:150, 80:150]
-    for points in ([(115, 110)], [(115, 110), (200, 110), (200, 200)]):
-        found = track(film, points, 31)
-        assert not found.valid[4:8, 0].any()
-        assert reason(found, 5, 0) in {"lost", "occluded"}
-        assert found.valid.values[[0, 1, 2, 3, 8, 9, 10, 11], 0].all()
-        assert np.nanmax(np.abs(error(found, motions))) < 0.03
-
-
-def test_a_film_cut_to_another_scene_loses_all_points() -> None:
-    film = make_film("medium", (Motion(),) * 4, 2.0)
-    film[2:] = render(make_speckle("medium", SIZE, 77), SIZE)
-    found = track(film, grid(SIZE, 22, 14), 31)
-    assert not found.valid[2:].any()
+    with_nan = make_film("medium", motions[:4]).astype(np.float32)
+    with_nan[2, 100, 100] = np.nan
+    assert track(with_nan, grid(SIZE, 40, 40)).valid.all("point").values.tolist() == [True, True, False, True]
 
 
 # --- films of other kinds -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "convert",
-    [
-        lambda film: film.astype(np.uint16) * 16,
-        lambda film: film.astype(np.float32) / 255.0,
-        lambda film: film.astype(np.float64) * 100.0 - 5000.0,
-    ],
-)
-def test_the_grey_scale_of_the_camera_does_not_matter(convert: Callable[[np.ndarray], np.ndarray]) -> None:
+def test_the_grey_scale_of_the_camera_does_not_matter() -> None:
     film = make_film("medium", SHIFTS[:4], 2.0)
     points = grid(SIZE, 40, 30)
-    plain, other = track(film, points), track(convert(film), points)
-    assert np.abs(plain.dx - other.dx).max() < 1e-4
-    assert np.abs(plain.u_dx - other.u_dx).max() < 1e-4
+    plain = track(film, points)
+    for other in (film.astype(np.uint16) * 16, film.astype(np.float64) * 100.0 - 5000.0):
+        found = track(other, points)
+        assert np.abs(plain.dx - found.dx).max() < 1e-4
+        assert np.abs(plain.u_dx - found.u_dx).max() < 1e-4
 
 
 def test_changing_light_does_not_move_points() -> None:
@@ -361,12 +272,6 @@ def test_only_selected_and_static_frames_are_read() -> None:
     assert np.abs(sliced.dx - whole.dx.sel(frame=[8, 9, 10])).max() < 2e-4
 
 
-def test_same_film_same_answer() -> None:
-    film = make_film("medium", (Motion(), TURN, Motion(5.0, 40.0)), 2.0)
-    first, second = (track(film, grid(SIZE, 40, 16)) for _ in range(2))
-    xr.testing.assert_identical(first, second)
-
-
 def test_sizes_and_shapes_may_differ_by_point() -> None:
     film = make_film("medium", SHIFTS[:3], 2.0)
     points = [(140, 130), (60, 60), (200, 200)]
@@ -376,8 +281,10 @@ def test_sizes_and_shapes_may_differ_by_point() -> None:
     assert mixed.subset.values.tolist() == [151, 21, 31]
 
 
-def test_every_variable_says_its_unit_and_survives_a_file(tmp_path: Path) -> None:
-    found = track(make_film("medium", SHIFTS[:2], 2.0), grid(SIZE, 60, 60))
+def test_a_result_is_the_same_again_says_its_units_and_survives_a_file(tmp_path: Path) -> None:
+    film = make_film("medium", (Motion(), TURN, Motion(5.0, 40.0)), 2.0)
+    found = track(film, grid(SIZE, 60, 60))
+    xr.testing.assert_identical(found, track(film, grid(SIZE, 60, 60)))
     for name in found.variables:
         assert {"units", "long_name"} <= set(found[name].attrs), name
     found.to_netcdf(tmp_path / "found.nc")
@@ -416,15 +323,12 @@ def test_settings_out_of_range_are_refused(arguments: dict[str, object], message
         track(film, **({"points": [(30, 30)], **arguments}))
 
 
-def test_films_without_a_usable_reference_are_refused() -> None:
+def test_films_without_a_usable_reference_are_refused_and_black_ones_have_no_value() -> None:
     film = Recorder(make_film("medium", SHIFTS[:3]), damaged=(0, 1))
     with pytest.raises(InputError, match="first 2 frames are damaged"):
         track(film, [(100, 100)], static_frames=2)
     with pytest.raises(InputError, match="no frames"):
         track(np.zeros((0, 60, 60), np.uint8), [(30, 30)])
-
-
-def test_a_film_without_texture_gives_only_flags() -> None:
-    found = track(np.zeros((3, 60, 60), np.uint8), [(30, 30)])
-    assert not found.valid.any()
-    assert found.sizes == {"frame": 3, "point": 1}
+    black = track(np.zeros((3, 60, 60), np.uint8), [(30, 30)])
+    assert not black.valid.any()
+    assert black.sizes == {"frame": 3, "point": 1}

@@ -15,7 +15,7 @@ def moving_film(kind: type[np.generic] = np.uint8) -> np.ndarray:
     return np.clip(np.rint(np.stack(frames) + noise), 0, 255).astype(kind)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
 def test_hot_and_dead_pixels_are_interpolated(kind: type[np.generic]) -> None:
     film = moving_film(kind)
     wrong = film.copy()
@@ -32,12 +32,9 @@ def test_hot_and_dead_pixels_are_interpolated(kind: type[np.generic]) -> None:
     assert (part[3] == repaired[3][10:30, 20:40]).all()
 
 
-def test_a_sound_film_is_left_as_it_is() -> None:
-    film = ArrayFrames(moving_film())
-    assert without_stuck_pixels(film)[0] is film
-
-
-def test_while_nothing_moves_nothing_is_repaired() -> None:
+def test_a_sound_film_and_one_in_which_nothing_moves_are_left_as_they_are() -> None:
+    sound = ArrayFrames(moving_film())
+    assert without_stuck_pixels(sound)[0] is sound
     film = np.repeat(moving_film()[:1], 6, axis=0)
     film[:, 20, 30] = 255
     assert without_stuck_pixels(ArrayFrames(film))[1].count == 0

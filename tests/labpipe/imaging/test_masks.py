@@ -36,9 +36,10 @@ def truth(points: list[tuple[float, float]]) -> np.ndarray:
     return np.stack([np.stack(pose.moved(*places.T), axis=1) - places for pose in POSES])
 
 
-@pytest.mark.parametrize("wall", ["speckled", "white"])
-@pytest.mark.parametrize("mask", [{"regions": [LEFT_OF_THE_RIM]}, {"covers": [RIGHT_OF_THE_RIM]}])
-def test_a_subset_over_the_rim_of_the_holder_uses_what_is_on_it(mask: dict[str, list], wall: str) -> None:
+@pytest.mark.parametrize(
+    ("wall", "mask"), [("speckled", {"regions": [LEFT_OF_THE_RIM]}), ("white", {"covers": [RIGHT_OF_THE_RIM]})]
+)
+def test_a_subset_over_the_rim_of_the_holder_uses_what_is_on_it(wall: str, mask: dict[str, list]) -> None:
     film = falling_before_a_wall(wall)
     found = track(film, AT_THE_RIM, 31, **mask)
     error = (np.stack([found.dx, found.dy], axis=-1) - truth(AT_THE_RIM))[1:]
@@ -47,10 +48,6 @@ def test_a_subset_over_the_rim_of_the_holder_uses_what_is_on_it(mask: dict[str, 
     assert np.abs(error / u).max() < 4.5
     # two thirds of the pixels are left, and u says so
     assert 1.1 < float(u[:, :2].mean() / u[:, 2].mean()) < 2.0
-    if wall == "speckled":
-        unmasked = track(film, AT_THE_RIM, 31)
-        missed = np.stack([unmasked.dx, unmasked.dy], axis=-1)[-1, :2] - truth(AT_THE_RIM)[-1, :2]
-        assert not unmasked.valid[-1, :2].any() or np.nanmax(np.abs(missed)) > 10 * np.abs(error).max()
 
 
 def test_the_wall_does_not_hold_back_a_holder_that_jumps() -> None:
@@ -62,14 +59,6 @@ def test_the_wall_does_not_hold_back_a_holder_that_jumps() -> None:
     jumped[1, :, RIM:] = film[0, :, RIM:]
     found = track(jumped, AT_THE_RIM[:1], 31, regions=[LEFT_OF_THE_RIM])
     assert float(found.dy[1, 0]) == pytest.approx(shift, abs=0.05)
-
-
-def test_masks_that_cover_nothing_of_a_subset_change_nothing() -> None:
-    film = falling_before_a_wall()
-    points = [(40.0, 60.0), (36.0, 40.0)]
-    found, plain = track(film, points, 31, regions=[LEFT_OF_THE_RIM]), track(film, points, 31)
-    assert found.dx.identical(plain.dx)
-    assert found.u_dy.identical(plain.u_dy)
 
 
 def test_a_subset_that_is_covered_has_no_value() -> None:
@@ -94,10 +83,12 @@ def test_several_polygons_of_a_kind_are_taken_together() -> None:
 @pytest.mark.parametrize(
     ("mask", "message"),
     [
-        ({"regions": [[(0, 0), (10, 10)]]}, r"regions must hold polygons of three or more corners .* as polygon 1"),
-        ({"covers": [[(0, 0), (9, 0), (0, float("nan"))]]}, r"covers must hold polygons"),
+        ({"covers": [[(0, 0), (9, 0), (0, float("nan"))]]}, "covers must hold polygons of three or more .* polygon 1"),
         ({"regions": []}, "regions holds no polygon"),
-        ({"covers": [[(9, 9), (9, 9), (9, 9)]]}, "covers: no pixel lies in polygon 1"),
+        (
+            {"obstructions": [[(20, 2), (50, 56), (50, 2), (20, 56)]]},
+            "obstructions: polygon 1 crosses itself, its sides from corner 1 and",
+        ),
         (
             {"covers": [[(0, 0), (9, 0), (0, 9)], [(300, 0), (400, 0), (400, 50)]]},
             r"covers: no pixel lies in polygon 2, x 300 to 400 px, y 0 to 50 px; the frames are 60 px wide",
@@ -107,11 +98,3 @@ def test_several_polygons_of_a_kind_are_taken_together() -> None:
 def test_polygons_that_cannot_be_meant_are_refused(mask: dict[str, list], message: str) -> None:
     with pytest.raises(InputError, match=message):
         track(np.zeros((2, 60, 60), np.uint8), [(30, 30)], **mask)
-
-
-@pytest.mark.parametrize("name", ["regions", "covers", "obstructions"])
-def test_a_polygon_that_crosses_itself_is_refused_with_the_sides_that_do(name: str) -> None:
-    film = np.zeros((2, ROWS, COLUMNS), np.uint8)
-    bow = [(20, 2), (100, 86), (100, 2), (20, 86)]
-    with pytest.raises(InputError, match=rf"{name}: polygon 1 crosses itself, its sides from corner 1 and"):
-        track(film, [(60, 45)], **{name: [bow]})

@@ -4,16 +4,9 @@ import numpy as np
 import pytest
 
 from labpipe.imaging import contact_radius
-from labpipe.imaging.fringes._motion import _second_derivative
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, fringe_film
 
 SMALL = Scene(rows=160, columns=224, pixel_size=4e-6)
-
-
-def test_the_second_derivative_of_a_cubic_is_exact() -> None:
-    t = np.array([-1.0, 1.0, 2.0, 3.5])
-    values = 2.0 + t - 3.0 * t**2 + 0.7 * t**3
-    assert float(_second_derivative(t) @ values) == pytest.approx(-6.0)
 
 
 def test_a_small_contact_of_one_frame_touches_or_hovers() -> None:

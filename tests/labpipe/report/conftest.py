@@ -19,15 +19,8 @@ _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next(filter(None, map(shutil.which, _NAMES)), None) if os.environ.get("LABPIPE_BROWSER") else None
 NO_BROWSER = "the pages are not looked at: that takes Chromium, and LABPIPE_BROWSER=1"
 SWITCHES = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-dev-shm-usage",
-    "--disable-extensions",
-    "--hide-scrollbars",
-    "--remote-debugging-pipe",
+    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"),
+    *("--disable-dev-shm-usage", "--disable-extensions", "--hide-scrollbars", "--remote-debugging-pipe"),
 )
 
 
@@ -89,16 +82,16 @@ class Browser:
             raise RuntimeError(f"{method}: {answer['error']}")
         return answer["result"]
 
-    def wait_for(self, method: str) -> None:
-        while not any(event.get("method") == method for event in self.events):
+    def navigate(self, address: str) -> None:
+        self.events.clear()
+        self.send("Page.navigate", url=address)
+        while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
             self.events.append(self._receive())
 
     def open(self, path: Path, *, width: int = 1280, height: int = 900, scripts: bool = True) -> None:
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.send("Emulation.setScriptExecutionDisabled", value=not scripts)
-        self.events.clear()
-        self.send("Page.navigate", url=path.as_uri())
-        self.wait_for("Page.loadEventFired")
+        self.navigate(path.as_uri())
         if scripts:
             self.settle()
 
@@ -106,9 +99,7 @@ class Browser:
         """Open an address; the page may go on asking its server."""
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         for place in ("about:blank", address):  # the page before may still ask a server that has gone
-            self.events.clear()
-            self.send("Page.navigate", url=place)
-            self.wait_for("Page.loadEventFired")
+            self.navigate(place)
 
     def until(self, script: str, seconds: float = 120.0) -> Any:
         """Return the first value of a script that counts as true; the page is asked again and again."""
@@ -152,13 +143,8 @@ class Browser:
     def key(self, name: str) -> None:
         codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36}
         for kind in ("keyDown", "keyUp"):
-            self.send(
-                "Input.dispatchKeyEvent", type=kind, key=name, code=name, windowsVirtualKeyCode=codes.get(name, 0)
-            )
-
-    def screenshot(self, path: Path, *, full: bool = True) -> None:
-        data = self.send("Page.captureScreenshot", captureBeyondViewport=full)["data"]
-        path.write_bytes(base64.b64decode(data))
+            code = codes.get(name, 0)
+            self.send("Input.dispatchKeyEvent", type=kind, key=name, code=name, windowsVirtualKeyCode=code)
 
     def pdf(self, path: Path) -> None:
         answer = self.send("Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69)
@@ -169,28 +155,20 @@ class Browser:
         self.run("1")
         found = []
         for event in self.events:
-            parameters = event.get("params", {})
-            if event.get("method") == "Runtime.exceptionThrown":
+            method, parameters = event.get("method"), event.get("params", {})
+            if method == "Runtime.exceptionThrown":
                 found.append(json.dumps(parameters["exceptionDetails"]))
-            if event.get("method") == "Runtime.consoleAPICalled" and parameters["type"] in {
-                "error",
-                "warning",
-                "assert",
-            }:
+            if method == "Runtime.consoleAPICalled" and parameters["type"] in {"error", "warning", "assert"}:
                 found.append(json.dumps(parameters["args"]))
-            if event.get("method") == "Log.entryAdded":
+            if method == "Log.entryAdded":
                 found.append(json.dumps(parameters["entry"]))
         return found
 
     def requests(self) -> list[str]:
         """Return the addresses asked for, apart from those that hold their data themselves."""
         self.run("1")
-        addresses = [
-            event["params"]["request"]["url"]
-            for event in self.events
-            if event.get("method") == "Network.requestWillBeSent"
-        ]
-        return [address for address in addresses if not address.startswith("data:")]
+        asked = (e["params"]["request"]["url"] for e in self.events if e.get("method") == "Network.requestWillBeSent")
+        return [address for address in asked if not address.startswith("data:")]
 
     def close(self) -> None:
         try:
@@ -239,6 +217,15 @@ class Charts:
         return [float(part) for part in text.split()]
 
 
+def assert_quiet(window: Browser, path: Path, width: int, scheme: str = "light") -> None:
+    """Open a page on a screen of a width: nothing is complained of or asked for, and it never scrolls sideways."""
+    window.media(prefers_color_scheme=scheme)
+    window.open(path, width=width)
+    assert window.complaints() == []
+    assert window.requests() == [path.as_uri()]
+    assert window.run("document.documentElement.scrollWidth") <= width
+
+
 def assert_fit_to_read(path: Path, profile: Path) -> None:
     """Open a report on a phone and on a large screen: quiet, alone, whole, and small enough."""
     if CHROMIUM is None:
@@ -246,11 +233,7 @@ def assert_fit_to_read(path: Path, profile: Path) -> None:
     window = Browser(profile)
     try:
         for width, scheme in ((400, "dark"), (2000, "light")):
-            window.media(prefers_color_scheme=scheme)
-            window.open(path, width=width)
-            assert window.complaints() == []
-            assert window.requests() == [path.as_uri()]
-            assert window.run("document.documentElement.scrollWidth") <= width
+            assert_quiet(window, path, width, scheme)
         drawn = "[...document.querySelectorAll('figure.chart')].map(f => Boolean(f.dataset.window))"
         assert all(window.run(drawn))
         assert window.run("document.querySelectorAll('.gallery .frame.is-shown').length") == 1

@@ -24,7 +24,4 @@ def test_a_formula_s_rows_have_no_kind_and_further_columns_follow() -> None:
     assert [column.title for column in shown.columns][-2:] == ["share of the variance", "freedom"]
     assert shown.rows[0][0] == "tip radius"
     assert shown.rows[0][-1] == "∞"
-
-
-def test_a_budget_of_nothing_shows_nothing() -> None:
     assert budget_table([], "Budget", "m") == ()

@@ -16,17 +16,6 @@ def test_gap_from_springs_is_that_of_hertz() -> None:
     assert bench.surface_gap(r, 200e-6, 9.525e-3) == pytest.approx(expected, abs=1e-13)
 
 
-def test_the_area_of_the_dark_spot_is_that_of_a_disc() -> None:
-    y, x = np.mgrid[:200, :240]
-    image = np.where(np.hypot(x - 118.0, y - 97.0) < 60.0, 20, 200).astype(np.uint8)
-    assert bench.area_radius(image) == pytest.approx(60.0, abs=2.5)
-
-
-def test_bound_of_more_fringes_is_smaller() -> None:
-    scene = bench.Scene(rows=120, columns=160, radius=100e-6, centre=(80.3, 60.2))
-    assert bench.cramer_rao(scene, 3.0) < bench.cramer_rao(scene, 1.0) < 0.01
-
-
 @pytest.mark.slow
 def test_rows_reach_the_bound_and_beat_the_edge() -> None:
     (settings,) = bench.run(quick=True)

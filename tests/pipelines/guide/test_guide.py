@@ -10,7 +10,7 @@ from labpipe.errors import InputError, SourceError
 from pipelines.cli import COMMANDS
 from pipelines.experiments import KINDS
 from pipelines.guide import PICTURES, pages
-from pipelines.guide.__main__ import build, of_reports, replay, same_words
+from pipelines.guide.__main__ import build, replay, same_words
 from pipelines.guide.pages import linked, tables, texts
 from tests.labpipe.report.conftest import CHROMIUM, NO_BROWSER, Browser
 
@@ -59,16 +59,6 @@ def test_a_kept_tutorial_may_differ_in_numbers_and_not_in_words() -> None:
     with pytest.raises(SourceError, match='says "two", not "one"') as raised:
         same_words("a 1\ntwo", "a 2\none")
     assert raised.value.line == 2
-
-
-@pytest.mark.slow
-def test_the_gallery_has_a_picture_of_one_report_of_each_kind(processed_session: Path, tmp_path: Path) -> None:
-    if CHROMIUM is None:
-        pytest.skip(NO_BROWSER)
-    of_reports(processed_session, tmp_path)
-    drawn = {path.stem.removeprefix("gallery-") for path in tmp_path.iterdir()}
-    assert len(drawn) > 1
-    assert drawn <= set(KINDS)
 
 
 def test_the_installed_guide_is_small_whole_and_leads_nowhere_else() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import instruments
-from labpipe.materials import Prony, kramers_kronig
+from labpipe.materials import kramers_kronig
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.solids import SOLIDS, Element, Solid
+from pipelines.rig.solids import SOLIDS
 
 FREQUENCY = np.logspace(-4, 4, 120)
 
@@ -23,13 +23,6 @@ def test_a_solid_is_causal_stiffens_with_frequency_and_shifts_without_a_jump(nam
     shift = np.diff(solid.log10_aT(np.linspace(-40, 120, 1601)))
     assert float(solid.log10_aT(solid.T_ref)) == 0.0
     assert ((shift > -0.05) & (shift < 0.0)).all()
-
-
-def test_an_element_of_width_one_is_the_maxwell_element():
-    solid = Solid((Element(2e9, 0.3, 1.0),), 1e9, 0.3)
-    maxwell = Prony(1e9, np.array([2e9]), np.array([0.3]), nu=0.3)
-    found = solid.modulus(FREQUENCY, np.full(FREQUENCY.size, 20.0))
-    np.testing.assert_allclose(found, maxwell.complex_modulus(2 * np.pi * FREQUENCY), rtol=1e-12)
 
 
 def test_an_export_says_that_it_is_synthetic_and_repeats_itself(tmp_path):

@@ -7,21 +7,14 @@ import pytest
 
 import instruments
 from labpipe import imaging
-from labpipe.materials import Prony
 from pipelines.rig.fall import Body
 from pipelines.rig.film_front import FrontCamera, write_front_film
 from pipelines.rig.film_under import UnderCamera, surface_matrix, write_under_film
 from pipelines.rig.reference_drop import reference_drop
 from pipelines.rig.solids import Viscoelastic
+from tests.labpipe.imaging.fringe_film import gap_of_hertz
 
-ELASTIC = Prony(3.2e9, [], [], nu=0.35)
 R, MASS = 9.525e-3, 0.505
-
-
-def hertz_gap(r: np.ndarray, a: float) -> np.ndarray:
-    rho = np.maximum(r / a, 1.0)
-    shape = np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)
-    return a * a / (np.pi * R) * shape
 
 
 def drop(duration: float, snapshots: np.ndarray | None = None, **form):
@@ -29,7 +22,7 @@ def drop(duration: float, snapshots: np.ndarray | None = None, **form):
     return reference_drop(solid, **body, duration=duration, snapshots=snapshots, **form)
 
 
-@pytest.mark.parametrize("time", [0.0177, 0.0181, 0.0184])
+@pytest.mark.parametrize("time", [0.0177, 0.0184])
 def test_the_gap_of_an_elastic_contact_is_that_of_hertz(time: float) -> None:
     springs = drop(0.0186, np.array([time]), profile=lambda x, radius: x**2 / radius).springs
     a = np.sqrt(R * springs.approach[0])
@@ -37,8 +30,7 @@ def test_the_gap_of_an_elastic_contact_is_that_of_hertz(time: float) -> None:
     r = np.linspace(0, 1.2e-3, 300)
     dent = surface_matrix(springs.position, r) @ springs.displacement[0]
     gap = r**2 / (2 * R) - springs.approach[0] + dent
-    known = np.where(r > a, hertz_gap(r, a), 0.0)
-    assert np.abs(gap - known).max() < 3e-9  # 1/200 of a wavelength
+    assert np.abs(gap - gap_of_hertz(r, a, R)).max() < 3e-9  # 1/200 of a wavelength
 
 
 def test_the_front_film_shows_the_motion_that_its_truth_tells(tmp_path: Path) -> None:
