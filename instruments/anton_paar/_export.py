@@ -66,11 +66,6 @@ def read(
     -----
     UserWarning
         Fewer points than declared, a joined file, repaired words.
-
-    Examples
-    --------
-    >>> readings = read("sweep.csv")  # doctest: +SKIP
-    >>> readings.storage_modulus.where(readings.interval == 2)  # doctest: +SKIP
     """
     check_decimal(decimal)
     notes = Notes(Path(path))

@@ -87,11 +87,4 @@ def folder_hint(folder: Path) -> str:
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 
 
-INSTRUMENT = Instrument(
-    name="image_stack",
-    title="film exported as images",
-    content="film",
-    sniff=_sniff,
-    reader="instruments.images:read",
-    options=Options,
-)
+INSTRUMENT = Instrument("image_stack", "film exported as images", "film", _sniff, "instruments.images:read", Options)

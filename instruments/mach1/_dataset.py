@@ -48,29 +48,21 @@ def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_inco
     decimal : str, optional
         ``","`` for a file in which dots were replaced; the instrument writes a dot.
     allow_incomplete : bool
-        Read a file that stops early; its last block is marked, its cut row dropped, and a warning
-        given. By default such a file is refused.
+        Read a file that stops early, its last block marked, its cut row dropped, with a warning; else it is refused.
 
     Returns
     -------
     Dataset
-        Over ``sample``: coordinates ``time`` [s] (within the block), ``block``, ``segment``
-        (dividers so far); variables ``position_z`` [m], ``position_theta`` [rad], ``force_z`` [N],
-        ``torque_x`` [N m], … as present, NaN in blocks without the column. Over ``block_index``:
-        ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
-        ``compression_sign``, and ``declared_…`` numbers. Attributes: ``header`` (its text),
-        ``blocks`` (JSON, everything), ``start``, ``compression_sign`` when all blocks agree.
+        Over ``sample``: coordinates ``time`` [s] (within the block), ``block``, ``segment`` (dividers so far);
+        ``position_z`` [m], ``position_theta`` [rad], ``force_z`` [N], ``torque_x`` [N m], … as present, NaN in blocks
+        without the column. Over ``block_index``: ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
+        ``compression_sign``, ``declared_…``. Attributes: ``header``, ``blocks`` (JSON, everything), ``start``,
+        ``compression_sign`` when all blocks agree.
 
     Raises
     ------
     SourceError
         With file, line and column of the departure from the format.
-
-    Examples
-    --------
-    >>> readings = read("sinusoid.txt")  # doctest: +SKIP
-    >>> readings.force_z.attrs["units"]  # doctest: +SKIP
-    'N'
     """
     check_decimal(decimal)
     source = survey(path, declared=("latin-1",))
@@ -178,9 +170,8 @@ def _describe(block: Block) -> dict[str, Any]:
         if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
             low_pass = {"order": int(order), "cutoff": float(cutoff)}
         else:
-            stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
-            text = f"the header declares a low-pass filter {stated}; the readings cannot be corrected for it"
-            warnings.warn(text, UserWarning, stacklevel=2)
+            text = f"the header declares a low-pass filter of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
+            warnings.warn(f"{text}; the readings cannot be corrected for it", UserWarning, stacklevel=2)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
     return {
         "function": block.function,

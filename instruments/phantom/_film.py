@@ -50,17 +50,13 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
     Returns
     -------
     CineFrames
-        Lazy frames; see :class:`labpipe.frames.FrameSource`.
+        Lazy frames; see :class:`labpipe.frames.FrameSource`. Frames behind the end of the file, as after a copy that
+        broke off, are warned of (IncompleteFilmWarning).
 
     Raises
     ------
     SourceError
         The file is no .cine, is colour or JPEG, or declares sizes that it does not hold.
-
-    Warns
-    -----
-    IncompleteFilmWarning
-        The file ends before some of its frames, as after a copy that broke off.
     """
     window = Window(Path(path))
     header = read_header(window)

@@ -49,24 +49,20 @@ def read(
         session.toml. Or all columns in their order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
         By default the quantities are recognised by their headings.
     cycle : str or float or Quantity, optional
-        Time between the rows of a displacement without a column of times, ``"50 us"``; that of a LabVIEW
-        header (``Delta_X``) needs not be given.
+        Time between the rows of a displacement without a column of times and without ``Delta_X`` of LabVIEW.
     encoding, decimal : str, optional
         By default decided from the file.
     allow_incomplete : bool
-        Drop a last row that has no line end, with a warning; by default it is kept, with a
-        warning, if it is whole, and the file is refused if cells are missing in it.
+        Drop a last row that has no line end; by default it is kept if it is whole, and else refused.
 
     Returns
     -------
     Dataset
-        Over ``sample``, as :func:`instruments.anton_paar.read`: ``frequency`` [Hz],
-        ``storage_modulus``, ``loss_modulus`` [Pa], ``temperature`` [degC] where the file gives
-        it; ``interval`` counts the sets and tables. Of responses ``time`` [s] and
-        ``relaxation_modulus`` [Pa] or ``creep_compliance`` [1/Pa]; of a table of shifts
-        ``temperature`` and ``log10_aT`` (from ``a_T`` or its natural logarithm, if need be).
-        Of a named displacement as :func:`instruments.keyence.read`, of position and force (compression
-        positive) as :func:`instruments.mach1.read`.
+        Over ``sample``, as :func:`instruments.anton_paar.read`: ``frequency`` [Hz], ``storage_modulus``,
+        ``loss_modulus`` [Pa], ``temperature`` [degC] where the file gives it; ``interval`` counts the sets and tables.
+        Of responses ``time`` [s] and ``relaxation_modulus`` [Pa] or ``creep_compliance`` [1/Pa]; of shifts
+        ``temperature`` and ``log10_aT``. Of a named displacement as :func:`instruments.keyence.read`, of position and
+        force (compression positive) as :func:`instruments.mach1.read`.
 
     Raises
     ------
@@ -77,11 +73,6 @@ def read(
     -----
     UserWarning
         Columns, rows or tables that nothing is made of are left out; a last line has no end.
-
-    Examples
-    --------
-    >>> sweeps = read("sweeps.csv")  # doctest: +SKIP
-    >>> fall = read("run.csv", columns={"time": "Time (s)", "displacement": "Position (m)"})  # doctest: +SKIP
     """
     check_decimal(decimal)
     notes, named = Notes(Path(path)), None if columns is None else chosen(columns)
@@ -90,26 +81,24 @@ def read(
     open_line = opened.open_line
     stated = (_DECIMAL.match(line) for _, lines in found for _, line in lines[:_HEADER])
     decimal = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated if word), None)
-    tables = _blocks(path, found) if named is None else []
-    if named is not None:
-        faults: list[SourceError] = []
-        for _, own in found:  # the first sheet that has them
-            try:
-                tables = [block := located(path, own, named)]
-                break
-            except SourceError as error:
-                faults.append(error)
-        else:
-            raise next(
-                (each for each in faults if each.line), (*faults, SourceError(path, "the file holds no line"))[0]
-            )
-        if {each.name for each in named} & {"displacement", "force"}:
-            if open_line == block.rows[-1][0]:
-                notes.add("the last line has no line end; if the file was cut, its last number is wrong", open_line)
-            signs = DOT if block.separator == COMMA else signs_of(path, [block], decimal)
-            made = trace(notes, block, signs, cycle, time_step(own, block.line))
-            return made.assign_attrs(source=path.name, encoding=opened.encoding, decimal=signs.decimal)
-    return _sweeps(notes, tables, decimal, open_line, opened.encoding)
+    if named is None:
+        return _sweeps(notes, _blocks(path, found), decimal, open_line, opened.encoding)
+    faults: list[SourceError] = []
+    for _, own in found:  # the first sheet that has them
+        try:
+            block = located(path, own, named)
+            break
+        except SourceError as error:
+            faults.append(error)
+    else:
+        raise next((each for each in faults if each.line), (*faults, SourceError(path, "the file holds no line"))[0])
+    if {each.name for each in named}.isdisjoint({"displacement", "force"}):
+        return _sweeps(notes, [block], decimal, open_line, opened.encoding)
+    if open_line == block.rows[-1][0]:
+        notes.add("the last line has no line end; if the file was cut, its last number is wrong", open_line)
+    signs = DOT if block.separator == COMMA else signs_of(path, [block], decimal)
+    made = trace(notes, block, signs, cycle, time_step(own, block.line))
+    return made.assign_attrs(source=path.name, encoding=opened.encoding, decimal=signs.decimal)
 
 
 def _blocks(path: Path, found: Sequence[tuple[str, Lines]]) -> list[Block]:
@@ -117,8 +106,8 @@ def _blocks(path: Path, found: Sequence[tuple[str, Lines]]) -> list[Block]:
     tables = [replace(block, sheet=title) for title, lines in found for block in blocks(lines)]
     whole = [block for block in tables if block.rows]
     if tables and not whole:
-        text, hint = "found no row of numbers below the headings", "Cells hold numbers alone; the units stand in the "
-        hint += "headings or in a row below them."
+        text = "found no row of numbers below the headings"
+        hint = "Cells hold numbers alone; the units stand in the headings or in a row below them."
         raise SourceError(tables[0].place(path), text, line=tables[0].line, hint=hint)
     if not whole:
         hint = next((text for _, lines in found if (text := suggestion(lines))), "")
@@ -138,15 +127,14 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
             text = "the last line has no line end and fewer cells than the others; it is cut"
             hint = "Complete the line, or drop it with allow_incomplete=True."
             raise SourceError(path, text, line=open_line, hint=hint)
-        text = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
-        notes.add(text + "number is wrong", open_line)
+        text = "the last line has no line end; it is kept, as no cell is missing; if the file was cut, its end is wrong"
+        notes.add(text, open_line)
     lacking = [missing(block.names()) for block in tables]
     whole = [block for block, text in zip(tables, lacking, strict=True) if not text]
     if not whole:
         block = tables[0]
-        names = dict.fromkeys(
-            h.name.replace("_", " ") for h in block.headings if h.is_known and h.name not in ("point", "set")
-        )
+        known = [h.name for h in block.headings if h.is_known and h.name not in ("point", "set")]
+        names = dict.fromkeys(name.replace("_", " ") for name in known)
         hint = "Export the table again with it; if a column is there under another name, name all that are needed: "
         text = f"found {', '.join(names)}; no {lacking[0]}"
         raise SourceError(block.place(path), text, line=block.line, hint=hint + line_to_copy(block.headings))
@@ -166,15 +154,13 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
     is_cut = len(sizes) > 2 and len(set(sizes[:-1])) == 1 and sizes[-1] < sizes[0]
     if is_cut:
         notes.add(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
-    return assemble(
-        made,
-        path,
-        instrument=DEVICE,
-        layout="plain table",
-        encoding=encoding,
-        header="",
-        work=json.dumps({"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}),
-        delimiter=whole[0].separator,
-        decimal=signs.decimal,
-        **({"incomplete": 1} if is_cut else {}),
-    )
+    work = {"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}
+    facts = {
+        "instrument": DEVICE,
+        "layout": "plain table",
+        "encoding": encoding,
+        "header": "",
+        "work": json.dumps(work),
+    }
+    facts |= {"delimiter": whole[0].separator, "decimal": signs.decimal}
+    return assemble(made, path, **facts, **({"incomplete": 1} if is_cut else {}))
