@@ -201,12 +201,9 @@ def _in_header(lines: Lines, is_time: bool, place: int, way: str) -> str:
 
 def time_step(lines: Lines, line: int) -> float | None:
     """Return the time between rows [s] that a header of LabVIEW states, ``Delta_X  5.0E-4``; None without one."""
-    for number, text in lines:
-        label, *stated = text.split(TAB)
-        numbers = [cell.replace(",", ".") for cell in stated if is_numeric(cell)]
-        if number < line and label.strip() == "Delta_X" and numbers:
-            return float(numbers[0]) or None
-    return None
+    head = (cells(text, TAB) for number, text in lines if number < line)
+    stated = (cell for label, *row in head if label == "Delta_X" for cell in row if is_numeric(cell))
+    return float(next(stated, "0").replace(",", ".")) or None
 
 
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}

@@ -169,9 +169,7 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
 def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
     """Count the pages of a TIFF, each of which names the place of the next, and find out whether they break off."""
     form, handle, seen, at = film.tiff, film.filehandle, set[int](), film.pages[0].offset
-    while at:
-        if at in seen:
-            raise SourceError(path, "the TIFF's pages form a circle", offset=at, hint=_COPY)
+    while at and at not in seen:
         try:
             handle.seek(at)
             (entries,) = struct.unpack(form.tagnoformat, handle.read(form.tagnosize))
@@ -181,6 +179,8 @@ def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
             return len(seen), True
         seen.add(at)
         at = following
+    if at:
+        raise SourceError(path, "the TIFF's pages form a circle", offset=at, hint=_COPY)
     return len(seen), False
 
 
@@ -224,11 +224,10 @@ def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
         text = "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
         warn_of(folder.name, f"{text}calibrated; their compression {SMOOTHED}", category=SmoothedFilmWarning)
     usual = int(np.min(steps)) if len(steps) else 1
-    missing = int(np.sum(steps // usual - 1))
     if usual > 1:
         text = f"the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
         warn_of(folder.name, text + "if every frame of the camera is here, number them one by one")
-    if missing:
+    if missing := int(np.sum(steps // usual - 1)):
         after = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         text = f"{'1 image is' if missing == 1 else f'{missing} images are'} missing, the first after number {after}; "
         warn_of(folder.name, text + "times follow the numbers, so the film has gaps")

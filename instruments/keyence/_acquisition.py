@@ -70,10 +70,8 @@ def record(
 
     Raises
     ------
-    UsageError
-        A file of that name exists.
-    SourceError, KeyboardInterrupt
-        The controller cannot be reached or is silent, or the user stopped; readings until then are in the file.
+    UsageError, SourceError
+        A file of that name exists; the controller is silent, and the readings until then are in the file.
     """
     done = Acquired(path, path.with_suffix(".times.csv"))
     if existing := next((p for p in (done.path, done.times) if p.exists()), None):
@@ -82,9 +80,8 @@ def record(
         raise UsageError("duration and patience must be positive")
     connection: Connection | None = connect()
     started, begun = datetime.now().astimezone(), time.perf_counter()
-    slot, first, answered = 0, 0, 0.0
+    slot, first, answered, waiting = 0, 0, 0.0, [TOKENS[Status.WAITING]] * len(setup.outputs)
     append: tuple[Callable[[str], None], ...] = ()
-    waiting = [TOKENS[Status.WAITING]] * len(setup.outputs)
 
     def hang_up() -> None:
         nonlocal connection

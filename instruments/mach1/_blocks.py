@@ -19,6 +19,7 @@ Everything that departs from it is refused with file, line and column.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,7 @@ _SILENT = frozenset({"Move Relative", "Move Absolute", "Wait", "Zero Load"})
 DECLARED = {
     "Amplitude": "declared_amplitude",
     "Velocity": "declared_velocity",
+    "Stage Velocity": "declared_velocity",
     "Frequency": "declared_frequency",
     "Freqency": "declared_frequency",  # so spelt by the software of about 2017
     "Number of Cycles": "declared_number_of_cycles",
@@ -55,7 +57,6 @@ DECLARED = {
     "Time for Measurement of the Slope": "declared_slope_time",
     "Contact Criteria": "declared_contact_force",
     "Stop criteria": "declared_contact_force",
-    "Stage Velocity": "declared_velocity",
     "Stage Limit": "declared_stage_limit",
     "Offset": "declared_offset",
 }
@@ -97,10 +98,9 @@ class Parameter(NamedTuple):
 class Block:
     """One block of a file, as written.
 
-    ``function`` is its tag without brackets; ``info_lines`` and ``parameter_lines`` are those of the header and of the
-    function, unchanged, ``parameters`` what the latter hold; ``columns`` are empty without a data section;
-    ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before each divider;
-    ``has_data`` if there is a data section, ``is_complete`` if it is ended.
+    ``function`` is its tag without brackets; ``info_lines``, ``parameter_lines`` are unchanged; ``columns`` are empty
+    without a data section; ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before
+    each divider; ``is_complete`` if the data section is ended.
     """
 
     function: str
@@ -171,13 +171,7 @@ def tag_of(line: str | None) -> str | None:
 
 
 def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str, str] | None:
-    r"""Split at the first colon that a tab follows: values hold colons of their own.
-
-    Examples
-    --------
-    >>> pair_of("Load Cell Name:\t25kg SN:1886652")
-    ('Load Cell Name', '25kg SN:1886652')
-    """
+    """Split at the first colon that a tab follows: values hold colons of their own, as ``25kg SN:1886652``."""
     for separator in separators:
         key, found, value = line.partition(separator)
         if found and key.strip():
@@ -300,16 +294,12 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
             continue
         if cursor.line.startswith("<") or not columns:
             raise cursor.error(f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}")
-        starts.append((n_rows, cursor.number))
-        batch = []
-        for line in cursor.rows():
-            batch.append(line)
-            if len(batch) == _BATCH:
-                cursor.advance()
-                break
-        path, (_, first) = cursor.source.path, starts[-1]
-        parts.append(parse_rows(batch, len(columns), "\t", path=path, first_line=first, signs=cursor.signs))
-        n_rows += len(batch)
+        path, first, rows = cursor.source.path, cursor.number, cursor.rows()
+        starts.append((n_rows, first))
+        while batch := list(islice(rows, _BATCH)):
+            at = first + n_rows - starts[-1][0]
+            parts.append(parse_rows(batch, len(columns), "\t", path=path, first_line=at, signs=cursor.signs))
+            n_rows += len(batch)
     is_complete = cursor.line is not None
     if not is_complete:
         cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}")

@@ -77,10 +77,7 @@ def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_inco
 
 
 def assemble(blocks: Sequence[Block]) -> xr.Dataset:
-    """Join blocks to one Dataset in SI, of the form that :func:`read` returns.
-
-    The blocks are as parsed, or made by :func:`make_block`. InputError where one quantity has units of two kinds.
-    """
+    """Join blocks to one Dataset of the form of :func:`read`; InputError where a quantity has units of two kinds."""
     counts = [len(block.values) for block in blocks]
     starts = np.concatenate([[0], np.cumsum(counts)])
     columns: dict[str, tuple[Floats, Column]] = {}
@@ -119,8 +116,7 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
 
 def variable_name(quantity: str) -> str:
     """Name the variable of a column."""
-    axis = re.fullmatch(r"([FT])([xyz])", quantity)
-    if axis:
+    if axis := re.fullmatch(r"([FT])([xyz])", quantity):
         return f"{'force' if axis[1] == 'F' else 'torque'}_{axis[2]}"
     return re.sub(r"[^a-z0-9]+", "_", quantity.lower()).strip("_") or "unnamed"
 
