@@ -281,11 +281,8 @@ def _read_row(header: Header, form: _Form, line: str, number: int) -> tuple[list
             raise SourceError(header.path, text, line=number, column=column)
         if status is None and form.is_fixed and not is_counter and known is not None and layout(cell) != known:
             text = f"found {shorten(cell)}, but every number of this column has {known.whole} digits before and "
-            text, hint = (
-                f"{text}{known.decimals} after the decimal sign",
-                "Characters were lost or added: export again.",
-            )
-            error = SourceError(header.path, text, line=number, column=column, hint=hint)
+            text, hint = f"{text}{known.decimals} after the decimal sign", "Characters were lost or added: export "
+            error = SourceError(header.path, text, line=number, column=column, hint=f"{hint}the file again.")
             raise error.because(marker_reason(cell))
         values.append(value)
         states.append(int(Status.VALID if status is None else status))
@@ -300,10 +297,11 @@ def _numbers(header: Header, values: Floats, allow_incomplete: bool) -> NDArray[
     if expected not in (None, found):
         message = f"found {found} rows, the header states {expected}"
         if not allow_incomplete:
-            hint = "Rows are missing or were added; export it again, or read those that are there with "
-            raise SourceError(
-                path, message, line=first_line + found - 1, column=1, hint=f"{hint}allow_incomplete=True."
+            hint = (
+                "The recording or the copy stopped early, or rows were added; export it again, or read the rows that "
             )
+            hint += "are there with allow_incomplete=True."
+            raise SourceError(path, message, line=first_line + found - 1, column=1, hint=hint)
         warn_of(path, message)
     counter = values[:, 0].astype(np.int64) if header.has_counter else np.arange(found)
     steps = np.diff(counter)

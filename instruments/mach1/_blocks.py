@@ -34,9 +34,7 @@ DIVIDER = "<divider>"
 END_DATA = "<END DATA>"
 _STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 _TAG = re.compile(r"<([^<>\t]+)>\s*")
-_COPY_AGAIN = (
-    "The recording stopped, or the file was copied before it was complete: copy it again, or read the readings "
-)
+_COPY_AGAIN = "The recording stopped, or the file was copied before it was complete: copy it again, or read the "
 _COPY_AGAIN += "readings that are there with allow_incomplete=True."
 #: Functions that always record; one of them without rows is a file cut short.
 _RECORDING = frozenset({"Stress Relaxation", "Find Contact", "Sinusoid"})
@@ -337,7 +335,8 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
             raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
         met = next((units for name, units in _UNITS.items() if re.fullmatch(name, quantity)), None)
         if not (is_known(unit_text) if met is None else unit_text in met):
-            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met or ('a known one',)))}"
+            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met or ()))}"
+            message = message if is_known(unit_text) else f'unknown unit "{unit_text}"'
             raise cursor.error(message, column=position + len(quantity) + 2, hint=_UNITS_MET)
         unknown += [shorten(cell)] if met is None else []
         if quantity in (column.quantity for column in columns):
