@@ -27,24 +27,8 @@ if TYPE_CHECKING:
     from labpipe.frames import FrameSource
 
 
-__all__ = [
-    "BUILD",
-    "CONTENTS",
-    "HEAD_BYTES",
-    "OURS",
-    "Content",
-    "Instrument",
-    "NoOptions",
-    "Options",
-    "added",
-    "by_name",
-    "identify",
-    "known",
-    "read",
-    "read_table",
-    "sheets",
-    "text_of",
-]
+__all__ = ["BUILD", "CONTENTS", "HEAD_BYTES", "OURS", "Content", "Instrument", "NoOptions", "Options", "added"]
+__all__ += ["by_name", "identify", "known", "read", "read_table", "sheets", "text_of"]
 
 # The Keyence layout has no magic number, so it is asked last.
 OURS = tuple(room.INSTRUMENT for room in (mach1, phantom, photron, anton_paar, tables, dice, images, keyence))

@@ -122,8 +122,8 @@ def _completed(dataset: xr.Dataset) -> xr.Dataset:
     if found := {name: dataset[name].values for name in names if name in dataset}:
         dataset.attrs["derived"] = next((name for name in names if name not in found), "")
         hertz, omega = (found.get(name, np.full(dataset.sizes["sample"], np.nan)) for name in names)
-        both = (hertz, omega / (2 * np.pi)), (omega, hertz * (2 * np.pi))
-        both = [np.where(np.isnan(stated), made, stated) for stated, made in both]
+        pairs = (hertz, omega / (2 * np.pi)), (omega, hertz * (2 * np.pi))
+        both = [np.where(np.isnan(stated), other, stated) for stated, other in pairs]
         made = {name: variable(_SAMPLE, v, *said) for (name, said), v in zip(names.items(), both, strict=True)}
         dataset = dataset.assign(made)
     return dataset

@@ -1,13 +1,7 @@
-"""Columns that a user names, of a table or trace that no reader recognises.
+"""Columns that a user names (:func:`instruments.tables.read`), of a table or trace that no reader recognises.
 
-::
-
-    columns = { time = "Time (s)", displacement = "Position (m)" }
-    columns = { time = "Time", displacement = { column = "Channel A", unit = "mm" } }
-    columns = "f (Hz), E' (MPa), E'' (MPa), T (degC)"          # of rows without headings, in their order
-
-A quantity is given the heading of its column, or its number from 1; the unit is given in brackets in the heading, in a
-row of units, in a line of the header, or with the column. A unit that contradicts the file is refused, not preferred.
+The unit is given in brackets in the heading, in a row of units, in a line of the header, or with the column. One that
+contradicts the file is refused.
 """
 
 import re

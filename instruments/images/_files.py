@@ -189,8 +189,8 @@ def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
 
     JPEG images count where there are no others.
     """
-    found = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
-    if not (named := next(filter(None, found), [])):
+    named, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
+    if not (named := named or lossy):
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
     words = [_NUMBER.sub("#", path.stem).lower() for path in named]
     other = next((k for k, of in enumerate(words) if of != words[0] and min(map(words.count, (of, words[0]))) > 1), 0)

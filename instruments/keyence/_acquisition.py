@@ -1,7 +1,6 @@
-"""Recording of a running Keyence controller into a storage file.
+"""Recording of a running Keyence controller into a storage file, which is readable at any moment.
 
-Readings are requested at even times after the start. Every row is appended as it comes, so the file is readable at any
-moment, also after a crash. A reading that is late or lost leaves its row without one; nothing is filled in.
+Readings are requested at even times after the start. A reading that is late or lost leaves its row without one.
 """
 
 import contextlib

@@ -135,26 +135,16 @@ def read(
         states[f"status{output}"] = {Status(k).name: int(n) for k, n in enumerate(np.bincount(flags)) if n}
     averaging, date = header.count("averaging"), header.text("date")
     start = moment(f"{date} {header.text('clock')}".strip()) or moment(date)  # None in a form that is ambiguous
-    facts = {
-        "instrument": DEVICE,
-        **{name: header.text(name) for name in ("model", "serial", "head") if name in header.entries},
-        "source": source.path.name,
-        "layout": "assumed",
-        "start": "" if start is None else start.isoformat(),
-        "clock": "none: a counter of samples",
-        "sampling_cycle": sampling,
-        "storage_factor": factor,
-        "sampling_interval": sampling * factor,
-        **({"averaging": averaging} if averaging is not None else {}),
-        "header": "\n".join(header.lines),
-        "encoding": source.encoding,
-        "delimiter": header.delimiter,
-        "decimal": form.signs.decimal,
-        "work": json.dumps({"bytes_read": source.size, "rows_read": len(values)}),
-        "status_counts": json.dumps(states),
-    }
+    facts: dict[str, Any] = {"instrument": DEVICE, "source": source.path.name, "layout": "assumed"}
+    facts |= {name: header.text(name) for name in ("model", "serial", "head") if name in header.entries}
+    facts |= {"start": "" if start is None else start.isoformat(), "clock": "none: a counter of samples"}
+    facts |= {"sampling_cycle": sampling, "storage_factor": factor, "sampling_interval": sampling * factor}
+    facts |= {} if averaging is None else {"averaging": averaging}
+    facts |= {"header": "\n".join(header.lines), "encoding": source.encoding, "delimiter": header.delimiter}
+    facts |= {"decimal": form.signs.decimal, "status_counts": json.dumps(states)}
+    facts["work"] = json.dumps({"bytes_read": source.size, "rows_read": len(values)})
     coords = {"time": variable("time", index * (sampling * factor), "s", "time from the first point")}
-    return xr.Dataset(variables, coords=coords, attrs=facts)
+    return xr.Dataset(variables, coords, facts)
 
 
 def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> tuple[TextFile, Header, tuple[str, ...]]:
@@ -224,8 +214,7 @@ class _Form(NamedTuple):
 def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tuple[_Form, Floats, NDArray[np.int8]]:
     """Return the form of the rows, and values and states (row, column), those of the counter among them.
 
-    SourceError with line and column of a cell that is neither number nor marker, of a row with another number of
-    cells, of a number that does not have the layout of its column.
+    SourceError with line and column of another cell, row or layout of a number.
     """
     stream, delimiter, first = iter(lines), header.delimiter, int(header.has_counter)
     sample = list(islice(stream, _SAMPLE))

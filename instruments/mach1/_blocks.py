@@ -318,8 +318,8 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
             text = f"{fault}{f'{interval:.6f} s' if fault.endswith(' ') else ''} ({found})"
             hint = "The file was joined, repaired or edited: copy it from the instrument again."
             raise SourceError(cursor.source.path, text, line=line + row - before, column=1, hint=hint)
-    whole = {"columns": columns, "values": values, "dividers": tuple(dividers)}
-    return replace(block, **whole, has_data=True, is_complete=is_complete)
+    block = replace(block, columns=columns, values=values, dividers=tuple(dividers))
+    return replace(block, has_data=True, is_complete=is_complete)
 
 
 def _read_columns(cursor: Cursor) -> tuple[Column, ...]:

@@ -169,20 +169,22 @@ def _describe(block: Block) -> dict[str, Any]:
             text = f"the header declares a low-pass filter of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
             warnings.warn(f"{text}; the readings cannot be corrected for it", UserWarning, stacklevel=2)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
+    columns = [
+        {"header": c.header, "variable": variable_name(c.quantity), "unit": c.unit_text, "factor": c.unit.factor}
+        for c in block.columns
+    ]
+    parameters = [
+        {"key": key, "text": text, "value": known and (number or 0.0) * known.factor, "units": known and known.si}
+        for key, text, number, known in block.parameters
+    ]
     return {
         "function": block.function,
         "start": start_of(block),
         "info_lines": block.info_lines,
         "parameter_lines": block.parameter_lines,
         "info": info,
-        "parameters": [
-            {"key": key, "text": text, "value": known and (number or 0.0) * known.factor, "units": known and known.si}
-            for key, text, number, known in block.parameters
-        ],
-        "columns": [
-            {"header": c.header, "variable": variable_name(c.quantity), "unit": c.unit_text, "factor": c.unit.factor}
-            for c in block.columns
-        ],
+        "parameters": parameters,
+        "columns": columns,
         "rows": len(block.values),
         "dividers": block.dividers,
         "sampling_interval": float((time[-1] - time[0]) / (len(time) - 1)) if len(time) > 1 else None,
