@@ -4,10 +4,6 @@
 package whose ``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
 they are asked. Other distributions add theirs by entry points of the group
 ``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
-
-The room is larger than most, as it reads the files of fourteen programs, films of two cameras, images and videos, and
-any other table by named columns, and refuses damage with line and remedy. A tenth of it makes files: a writer next
-to each reader, for sample data and tests, and the recording of a laser controller.
 """
 
 from __future__ import annotations
@@ -18,22 +14,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from instruments import anton_paar, dice, images, keyence, mach1, phantom, photron, tables
 from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
 from instruments._workbook import is_workbook, sheets
-from instruments.anton_paar import INSTRUMENT as ANTON_PAAR, Options as AntonPaarOptions
-from instruments.dice import INSTRUMENT as DICE, Options as DiceOptions
-from instruments.images import (
-    INSTRUMENT as IMAGE_STACK,
-    RAW_FRAMES,
-    Options as ImageOptions,
-    folder_hint,
-    is_lossy_film,
-)
-from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
-from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
-from instruments.phantom import INSTRUMENT as PHANTOM
-from instruments.photron import INSTRUMENT as PHOTRON
-from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, columns_hint
 from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
 from labpipe.installation import BUILD
 from labpipe.plugins import Plugin, survey, tell
@@ -44,30 +27,14 @@ if TYPE_CHECKING:
     from labpipe.frames import FrameSource
 
 
-__all__ = [
-    "BUILD",
-    "CONTENTS",
-    "HEAD_BYTES",
-    "OURS",
-    "Content",
-    "Instrument",
-    "NoOptions",
-    "Options",
-    "added",
-    "by_name",
-    "identify",
-    "known",
-    "read",
-    "read_table",
-    "sheets",
-    "text_of",
-]
+__all__ = ["BUILD", "CONTENTS", "HEAD_BYTES", "OURS", "Content", "Instrument", "NoOptions", "Options", "added"]
+__all__ += ["by_name", "identify", "known", "read", "read_table", "sheets", "text_of"]
 
 # The Keyence layout has no magic number, so it is asked last.
-OURS = (MACH1, PHANTOM, PHOTRON, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
+OURS = tuple(room.INSTRUMENT for room in (mach1, phantom, photron, anton_paar, tables, dice, images, keyence))
 
 
-class Options(KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions):
+class Options(keyence.Options, mach1.Options, anton_paar.Options, tables.Options, images.Options, dice.Options):
     """Every option of :func:`read`; each instrument takes those of its own ``Options``."""
 
 
@@ -94,11 +61,10 @@ def known() -> tuple[Instrument, ...]:
 
 def by_name(name: str) -> Instrument:
     """Return one instrument by its name. UsageError where no instrument has that name."""
-    found = next((each for each in OURS if each.name == name), None) or next(
-        (each for each in known() if each.name == name), None
-    )
-    if found is not None:
-        return found
+    for group in (lambda: OURS, known):
+        for each in group():
+            if each.name == name:
+                return each
     raise UsageError(f'no instrument "{name}"; known are {", ".join(each.name for each in known())}')
 
 
@@ -122,10 +88,6 @@ def identify(path: str | os.PathLike[str], *, fps: float | None = None) -> str:
     SourceError
         The file cannot be opened, or no instrument recognises it.
 
-    Examples
-    --------
-    >>> identify("session/raw/sinusoid.txt")  # doctest: +SKIP
-    'mach1'
     """
     return _identify(Path(path), fps).name
 
@@ -135,20 +97,15 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
     for each in OURS:
         if each.sniff(head, path):
             return each
-    if is_lossy_film(path, fps):
-        return IMAGE_STACK
+    if images.is_lossy_film(path, fps):
+        return images.INSTRUMENT
     for plugin in added():
         try:
             if plugin.found is not None and plugin.found.sniff(head, path):
                 return plugin.found
-        except Exception as error:  # somebody else's code may raise anything; it is reported once
-            if plugin.name not in _FAILED:
-                _FAILED.add(plugin.name)
-                tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
+        except Exception as error:  # somebody else's code may raise anything
+            tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
     raise _unknown(path, head)
-
-
-_FAILED: set[str] = set()
 
 
 def _unknown(path: Path, head: bytes) -> SourceError:
@@ -157,7 +114,9 @@ def _unknown(path: Path, head: bytes) -> SourceError:
         text = "a spreadsheet program keeps this file next to an open workbook"
         return SourceError(path, text, hint="Name the workbook.")
     if path.is_dir():
-        return SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
+        return SourceError(path, "the folder holds no film that can be read", hint=images.folder_hint(path)).because(
+            NO_FILM
+        )
     if not head:
         return SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
     if is_workbook(head):
@@ -169,10 +128,10 @@ def _unknown(path: Path, head: bytes) -> SourceError:
     if path.suffix.lower() in (".png", ".bmp", ".jpg", ".jpeg"):
         hint = "One image is no film: name the folder of its images, or the camera's own file."
     elif path.suffix.lower() in (".raw", ".mraw", ".cih", ".cihx"):
-        hint = RAW_FRAMES
+        hint = images.RAW_FRAMES
     elif b"\0" in head and not is_workbook(head):
         hint = "It is binary, of no format that is known: export readings as text, films as TIFF or PNG."
-    elif named := columns_hint(head, path):
+    elif named := tables.columns_hint(head, path):
         hint += f" {named}"
     elif head.lstrip()[:5].lower() in (b"<html", b"<!doc", b"<tabl"):
         hint = "This is a page of HTML, whatever its name ends in; save it from a spreadsheet as .xlsx or CSV."
@@ -234,7 +193,7 @@ def read(
     """
     path = Path(path)
     if instrument is None:
-        reader = PLAIN_TABLE if options.get("columns") is not None else _identify(path, options.get("fps"))
+        reader = tables.INSTRUMENT if options.get("columns") is not None else _identify(path, options.get("fps"))
     else:
         reader = by_name(instrument)
     for _ in range(2):
@@ -265,23 +224,20 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
     content : str
         Content of the table, one of :data:`CONTENTS`.
     usual : str
-        The instrument that reads a file which none recognises, or which holds something else; its reader
-        then names the fault.
+        The instrument whose reader names the fault of a file that none recognises, or that holds something else.
     **options
         As of :func:`read`; None leaves the default of the reader.
 
     Raises
     ------
-    SourceError, UsageError
-        As of :func:`read`.
-    InputError
-        The file holds a film.
+    SourceError, UsageError, InputError
+        As of :func:`read`; or the file holds a film.
     """
     import xarray as xr
 
     given: Any = {key: value for key, value in options.items() if value is not None}
     if "columns" in given:
-        name = PLAIN_TABLE.name
+        name = tables.INSTRUMENT.name
     else:
         try:
             found = _identify(Path(path))

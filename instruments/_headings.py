@@ -17,6 +17,7 @@ _DEGREES = r"°\s?[CF]|º\s?C|deg\s?[CF]|K"
 _NUMBER = r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?"
 _PLACE = re.compile(rf"(?<![^\W_])(?<![.,])({_NUMBER})\s*({_DEGREES}|[mk]?Hz|rad/s|C)(?![^\W_]|/)")
 _LAST = re.compile(r"^(.*\S)\s*[(\[{<]\s*([^()\[\]{}<>]*)\s*[)\]}>]\s*$")
+_SIGNS = (r"\s*/\s*", r"\s*[,;:]\s*", r"\s+in\s+|_in_", r"[\s_]+")  # between name and unit, the first two explicit
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 _OF_SEVERAL = re.compile(r"[\s_]+(?:mean|avg|average)$", re.IGNORECASE)  # readings or specimens
 # A temperature or frequency with such a word is not that of the readings below.
@@ -117,13 +118,8 @@ def _parts(text: str) -> Iterator[tuple[str, str, bool]]:
         if (word := _LAST.match(bracket[1])) is not None:
             yield word[1], bracket[2], True  # Storage Modulus (E') (MPa)
     yield text, "", False
-    for sign, is_explicit in (
-        (r"\s*/\s*", True),
-        (r"\s*[,;:]\s*", True),
-        (r"\s+in\s+|_in_", False),
-        (r"[\s_]+", False),
-    ):
-        matches = list(re.finditer(sign, text))
+    for sign in _SIGNS:
+        matches, is_explicit = list(re.finditer(sign, text)), sign in _SIGNS[:2]
         for m in reversed(matches) if is_explicit else matches:
             if m.start():
                 yield text[: m.start()], text[m.end() :], is_explicit

@@ -1,8 +1,7 @@
 """Description of an instrument: one object that recognises and reads its files.
 
-A package (below this one, or of another distribution) defines one. Its ``__init__`` is imported
-whenever a file is to be recognised, so it imports no numerical library: readers are named as
-``"module:function"`` and loaded when the first file is read.
+The package that defines one is imported whenever a file is to be recognised, so it imports no numerical library:
+readers are named as ``"module:function"`` and loaded when the first file is read.
 """
 
 import contextlib
@@ -21,17 +20,15 @@ Content = Literal["displacement", "force", "film", "sweep", "displacement_field"
 """Content of the files of an instrument, which decides the experiments that can begin from them.
 
 ``displacement``
-    A table over ``time`` [s]: ``out1``, … [m or V], ``status1``, … (0 where valid), with the
-    attribute ``sampling_interval`` [s], and ``start`` (ISO 8601), by whose day a calibration
-    record is checked.
+    A table over ``time`` [s]: ``out1``, … [m or V], ``status1``, … (0 where valid), with the attributes
+    ``sampling_interval`` [s] and ``start`` (ISO 8601), by whose day a calibration record is checked.
 ``force``
-    A table over ``sample`` as :func:`instruments.mach1.read` returns it: blocks of time, position
-    and force.
+    A table over ``sample`` as :func:`instruments.mach1.read` returns it: blocks of time, position and force.
 ``film``
     A :class:`labpipe.frames.FrameSource`.
 ``sweep``
-    A table over ``sample``: ``frequency`` [Hz], ``temperature`` [degC], ``storage_modulus``,
-    ``loss_modulus`` [Pa], and ``interval``; or ``temperature`` and ``log10_aT``.
+    A table over ``sample``: ``frequency`` [Hz], ``temperature`` [degC], ``storage_modulus``, ``loss_modulus`` [Pa], and
+    ``interval``; or ``temperature`` and ``log10_aT``.
 ``displacement_field``
     A table over ``frame`` and ``point``: ``dx``, ``dy`` [px].
 """
@@ -55,8 +52,8 @@ class Instrument:
     content : str
         Content of its files: one of :data:`CONTENTS`.
     sniff : callable
-        Takes the first :data:`HEAD_BYTES` bytes of a file (none of a folder) and its path, and
-        returns whether this instrument wrote it. It imports no numerical library.
+        Takes the first :data:`HEAD_BYTES` bytes of a file (none of a folder) and its path, and returns whether this
+        instrument wrote it. It imports no numerical library.
     reader : str
         ``"module:function"``; takes the path and the options, returns a Dataset in SI or a film.
     options : TypedDict class
@@ -74,34 +71,23 @@ class Instrument:
     unproposed: str = ""
 
     def read(self, path: Path, options: Mapping[str, Any]) -> Any:
-        """Read one file.
-
-        Raises
-        ------
-        UsageError
-            The reader has no such option; the message names those that it has.
-        """
+        """Read one file; UsageError where the reader has no such option."""
         for name in options:
             self._require_option(name)
         module, function = self.reader.split(":")
         return getattr(importlib.import_module(module), function)(path, **options)
 
     def option(self, name: str, text: str) -> Any:
-        """Return the value of an option that was typed as text.
-
-        UsageError where there is no such option, or the text is none of its values.
-        """
+        """Return the value of an option that was typed as text; UsageError for no option, or no value of it."""
         self._require_option(name)
         kind = self.options.__annotations__[name]
-        for wanted in get_args(kind) or (kind,):
-            if wanted in _TYPED:
-                with contextlib.suppress(KeyError, ValueError):
-                    return _TYPED[wanted](text)
-        expected = ", ".join(_WORDS[k] for k in get_args(kind) or (kind,) if k in _WORDS)
-        message = f'the option {name} of {self.name} cannot be "{text}"; ' + (
-            f"expected {expected}" if expected else "it can be given from Python only"
-        )
-        raise UsageError(message)
+        kinds = [wanted for wanted in get_args(kind) or (kind,) if wanted in _TYPED]
+        for wanted in kinds:
+            with contextlib.suppress(KeyError, ValueError):
+                return _TYPED[wanted][0](text)
+        expected = ", ".join(_TYPED[wanted][1] for wanted in kinds)
+        how = f"expected {expected}" if expected else "it can be given from Python only"
+        raise UsageError(f'the option {name} of {self.name} cannot be "{text}"; {how}')
 
     def _require_option(self, name: str) -> None:
         known = self.option_names()
@@ -113,13 +99,12 @@ class Instrument:
         return tuple(self.options.__annotations__)
 
 
-_TYPED: dict[Any, Callable[[str], Any]] = {
-    bool: {"true": True, "false": False}.__getitem__,
-    int: int,
-    float: float,
-    str: str,
+_TYPED: dict[Any, tuple[Callable[[str], Any], str]] = {
+    bool: ({"true": True, "false": False}.__getitem__, "true or false"),
+    int: (int, "a whole number"),
+    float: (float, "a number"),
+    str: (str, "a text"),
 }
-_WORDS: dict[Any, str] = {bool: "true or false", int: "a whole number", float: "a number"}
 
 
 def text_of(head: bytes) -> str:

@@ -21,6 +21,8 @@ CLIPPED = 20000.0
 _CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
 
 _SAMPLE = ("sample",)
+_NUMBER_OF = {"test": "number of the test, from 0", "result": "number of the result in its test, from 0"}
+_NUMBER_OF["interval"] = "number of the interval, as in the file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +38,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """One table: where it belongs, and its columns over its points.
-
-    ``point`` is the number of every point (0 where the file gives none), ``is_valid`` False where
-    the instrument marked it invalid.
-    """
+    """One table: where it belongs, and its columns over its points, of which 0 has no number in the file."""
 
     test: str
     result: str
@@ -58,16 +56,11 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
     Parameters
     ----------
     intervals : sequence of Interval
-        In the order of the file.
+        In the order of the file. A column that has several units, or is text in one, is left out with a warning.
     path : path, optional
         The file that they are from.
     **attrs
         Further attributes of the Dataset.
-
-    Warns
-    -----
-    UserWarning
-        A column has several units, or is text in one table and numbers in another; it is left out.
     """
     counts = [interval.point.size for interval in intervals]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -92,14 +85,10 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
         is_next = before is not None and (interval.result != before.result or interval.number <= before.number)
         tests.append((tests[-1] + (not is_same)) if tests else 0)
         results.append(results[-1] + is_next if is_same else 0)
-    numbers = [interval.number for interval in intervals]
+    counted = {"test": tests, "result": results, "interval": [interval.number for interval in intervals]}
     coords = {
-        name: variable(_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts), "1", text)
-        for name, values, text in (
-            ("test", tests, "number of the test, from 0"),
-            ("result", results, "number of the result in its test, from 0"),
-            ("interval", numbers, "number of the interval, as in the file"),
-        )
+        name: variable(_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts), "1", _NUMBER_OF[name])
+        for name, values in counted.items()
     }
     points = np.concatenate([i.point for i in intervals])
     coords["point"] = variable(_SAMPLE, points, "1", "number of the point, 0 where the file gives none")
@@ -110,18 +99,13 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
         | {"declared": i.declared, "rows": int(i.point.size), **({"sheet": i.sheet} if i.sheet else {})}
         for i, test, result in zip(intervals, tests, results, strict=True)
     ]
-    dataset = xr.Dataset(variables, coords=coords)
+    facts = {"instrument": DEVICE, "layout": "RheoCompass", "tests": json.dumps(entries, ensure_ascii=False)}
     source = {} if path is None else {"source": path.name}
-    described_intervals = {"tests": json.dumps(entries, ensure_ascii=False)}
-    dataset.attrs = {"instrument": DEVICE, "layout": "RheoCompass", **described_intervals, **source, **attrs}
-    return _completed(dataset)
+    return _completed(xr.Dataset(variables, coords, {**facts, **source, **attrs}))
 
 
 def _completed(dataset: xr.Dataset) -> xr.Dataset:
-    """Replace clipped loss factors by the ratio of the moduli, and give both frequencies where the file has one.
-
-    A ratio of which the storage modulus was made from the clipped value is none.
-    """
+    """Replace clipped loss factors by the ratio of real moduli, and give both frequencies where the file has one."""
     if "loss_factor" in dataset:
         factor = dataset["loss_factor"].values
         clipped = np.abs(factor) >= CLIPPED * (1 - 1e-9)
@@ -137,12 +121,9 @@ def _completed(dataset: xr.Dataset) -> xr.Dataset:
     names = {"frequency": ("Hz", "Frequency"), "angular_frequency": ("rad/s", "Angular Frequency")}
     if found := {name: dataset[name].values for name in names if name in dataset}:
         dataset.attrs["derived"] = next((name for name in names if name not in found), "")
-        absent = np.full(dataset.sizes["sample"], np.nan)
-        hertz, omega = (found.get(name, absent) for name in names)
-        both = (
-            np.where(np.isnan(hertz), omega / (2 * np.pi), hertz),
-            np.where(np.isnan(omega), hertz * (2 * np.pi), omega),
-        )
+        hertz, omega = (found.get(name, np.full(dataset.sizes["sample"], np.nan)) for name in names)
+        pairs = (hertz, omega / (2 * np.pi)), (omega, hertz * (2 * np.pi))
+        both = [np.where(np.isnan(stated), other, stated) for stated, other in pairs]
         made = {name: variable(_SAMPLE, v, *said) for (name, said), v in zip(names.items(), both, strict=True)}
         dataset = dataset.assign(made)
     return dataset

@@ -40,6 +40,7 @@ _STEP = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
 Lines = Sequence[tuple[int, str]]
 _LONGEST = 20_000  # characters of a line of headings; a longer one is a row of something else
 _BETWEEN = 6  # lines of units and remarks between headings and rows at most
+_NO_NUMBERS = OTHERS | {"set", "point"}  # quantities that a row of numbers may lack
 
 
 @dataclass(slots=True)
@@ -185,11 +186,8 @@ def fill(block: Block, lines: Lines, k: int, separator: str) -> int:
     ways = dict.fromkeys([separator, *_OF_ROWS] if separator in _OF_ROWS else _OF_ROWS)
     numbers = {way: sum(map(is_numeric, cells(head, way))) for way in ways}
     whole = [way for way in numbers if len(trimmed(cells(head, way))) == len(block.headings)]
-    # that of the headings, unless it does not fit; of equals the first
-    block.separator = separator
-    if TAB in head.strip():
-        block.separator = TAB
-    elif whole or numbers.get(separator, 0) <= 1:
+    block.separator = TAB if TAB in head.strip() else separator
+    if block.separator != TAB and (whole or numbers.get(separator, 0) <= 1):  # that of the headings does not fit
         block.separator = max(whole or numbers, key=lambda way: numbers[way])
     for end, (number, line) in enumerate(lines[first:], first):
         parts = cells(line, block.separator)
@@ -229,11 +227,8 @@ def _take_units(block: Block, line: str, separator: str) -> bool:
 def is_row(line: str, block: Block, separator: str) -> bool:
     """Recognise a row of numbers: the known columns that a result may need hold numbers, or nothing."""
     way = TAB if TAB in line.strip() else separator if separator in _OF_ROWS else BLANKS
-    known = [
-        cell
-        for heading, cell in zip(block.headings, trimmed(cells(line, way)), strict=False)
-        if heading.is_known and heading.name not in OTHERS and heading.name not in ("set", "point") and cell
-    ]
+    pairs = zip(block.headings, trimmed(cells(line, way)), strict=False)
+    known = [cell for heading, cell in pairs if cell and heading.is_known and heading.name not in _NO_NUMBERS]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
 

@@ -1,13 +1,7 @@
-"""Columns that a user names, of a table or trace that no reader recognises.
+"""Columns that a user names (:func:`instruments.tables.read`), of a table or trace that no reader recognises.
 
-::
-
-    columns = { time = "Time (s)", displacement = "Position (m)" }
-    columns = { time = "Time", displacement = { column = "Channel A", unit = "mm" } }
-    columns = "f (Hz), E' (MPa), E'' (MPa), T (degC)"          # of rows without headings, in their order
-
-A quantity is given the heading of its column, or its number from 1; the unit is given in brackets in the heading, in a
-row of units, in a line of the header, or with the column. A unit that contradicts the file is refused, not preferred.
+The unit is given in brackets in the heading, in a row of units, in a line of the header, or with the column. One that
+contradicts the file is refused.
 """
 
 import re
@@ -201,12 +195,9 @@ def _in_header(lines: Lines, is_time: bool, place: int, way: str) -> str:
 
 def time_step(lines: Lines, line: int) -> float | None:
     """Return the time between rows [s] that a header of LabVIEW states, ``Delta_X  5.0E-4``; None without one."""
-    for number, text in lines:
-        label, *stated = text.split(TAB)
-        numbers = [cell.replace(",", ".") for cell in stated if is_numeric(cell)]
-        if number < line and label.strip() == "Delta_X" and numbers:
-            return float(numbers[0]) or None
-    return None
+    head = (cells(text, TAB) for number, text in lines if number < line)
+    stated = (cell for label, *row in head if label == "Delta_X" for cell in row if is_numeric(cell))
+    return float(next(stated, "0").replace(",", ".")) or None
 
 
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}

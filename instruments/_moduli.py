@@ -53,19 +53,16 @@ def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
 def with_moduli(columns: dict[str, Any]) -> dict[str, Any]:
     """Add storage and loss modulus [Pa] to columns in SI by the first way that determines them."""
     arrays = {name: np.asarray(column.values, dtype=float) for name, column in columns.items() if column.si}
-    if "frequency" in arrays:
-        arrays["ω"] = 2.0 * np.pi * arrays["frequency"]
-    if "angular_frequency" in arrays:
-        arrays["ω"] = arrays["angular_frequency"]
-    way = next(((needed, make) for needed, make in _WAYS if _has(columns, needed)), None)
-    if way is None:
+    arrays["ω"] = arrays.get("angular_frequency", 2.0 * np.pi * arrays.get("frequency", np.empty(0)))
+    names, make = next(((needed, make) for needed, make in _WAYS if _has(columns, needed)), ((), None))
+    if make is None:
         return columns
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        moduli = way[1](*(arrays[name] for name in way[0]))
-    header = f"of {' and '.join(columns[name].header for name in way[0] if name != 'ω')}"
+        moduli = make(*(arrays[name] for name in names))
+    header = f"of {' and '.join(columns[name].header for name in names if name != 'ω')}"
     for name, values in zip(("storage_modulus", "loss_modulus"), moduli, strict=True):
         if name not in columns:
-            columns[name] = replace(columns[way[0][0]], name=name, header=header, unit="Pa", si="Pa", values=values)
+            columns[name] = replace(columns[names[0]], name=name, header=header, unit="Pa", si="Pa", values=values)
     return columns
 
 
@@ -88,11 +85,10 @@ def missing(names: set[str]) -> str:
     is_shift_table = names & {*TEMPERATURES} and names & SHIFTS
     if is_shift_table or (names & TIMES and names & RESPONSES):
         return ""
-    has = names | ({"ω"} if names & FREQUENCIES else set())
-    lacks = [] if "ω" in has else ["frequency"]
-    if not any(set(way) <= has for way, _ in _WAYS):
-        begun = [way for way, _ in _WAYS if has.intersection(way) - {"ω", "loss_factor", "phase_angle"}]
-        rests = [set(way) - has - {"ω"} for way in begun]
+    lacks = [] if names & FREQUENCIES else ["frequency"]
+    if not any(set(way) <= names | {"ω"} for way, _ in _WAYS):
+        begun = [way for way, _ in _WAYS if names.intersection(way) - {"loss_factor", "phase_angle"}]
+        rests = [set(way) - names - {"ω"} for way in begun]
         words = dict.fromkeys(_WORDS.get(n, n.replace("_", " ")) for rest in rests if len(rest) == 1 for n in rest)
         *others, last = words or ["modulus"]
         lacks.append(f"{', '.join(others)} or {last}" if others else last)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 from instruments._layout import TAB, Lines, plain_lines
 from instruments._workbook import is_workbook, sheets
@@ -27,26 +26,20 @@ class Notes:
             warn_of(self.path, text, line=line)
 
 
-class Sheets(NamedTuple):
-    """Titles with the lines that are not empty; cells of a workbook stand between TABs.
+def open_sheets(
+    notes: Notes, encoding: str | None, *, allow_incomplete: bool
+) -> tuple[list[tuple[str, Lines]], str, int]:
+    """Return titles with lines that are not empty, the codec, and the number of a last line without line end, or 0.
 
-    ``open_line`` is the number of a last line that has no line end, 0 where there is none.
+    Such a line is dropped where ``allow_incomplete``, with a warning. Cells of a workbook stand between TABs.
     """
-
-    sheets: list[tuple[str, Lines]]
-    encoding: str
-    open_line: int
-
-
-def open_sheets(notes: Notes, encoding: str | None, *, allow_incomplete: bool) -> Sheets:
-    """Read all lines of a file; a last one without line end is dropped where ``allow_incomplete``, with a warning."""
     path = notes.path
     if is_workbook(first_bytes(path)):
         found = [(title, plain_lines(map(TAB.join, rows))) for title, rows in sheets(path)]
-        return Sheets(found, path.suffix.lstrip(".").lower() or "xlsx", 0)
+        return found, path.suffix.lstrip(".").lower() or "xlsx", 0
     source = survey(path, declared=(encoding,) if encoding else CODECS, max_bytes=_MOST_BYTES)
     lines, open_line = plain_lines(source.lines()), 0 if source.is_ended else source.n_lines
     if allow_incomplete and lines and lines[-1][0] == open_line:
         notes.add("the last line is cut, it has no line end; it is dropped", open_line)
         lines = lines[:-1]
-    return Sheets([("", lines)], source.encoding, 0 if allow_incomplete else open_line)
+    return [("", lines)], source.encoding, 0 if allow_incomplete else open_line

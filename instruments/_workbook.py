@@ -1,7 +1,6 @@
 """Sheets of a workbook (.xlsx, .xlsm, .xls, .ods), read by calamine in a process of its own.
 
-Calamine reserves memory for all cells that a sheet declares before it reads one, and ends its process where there is
-not so much: a damaged or hostile workbook then costs a child, never the session.
+Calamine reserves memory for all cells that a sheet declares, and ends its process where there is not so much.
 """
 
 import json
@@ -62,11 +61,8 @@ def sheets(path: Path) -> list[tuple[str, list[list[str]]]]:
 
     SourceError where the file is damaged, encrypted, no workbook, or unpacks to too much.
     """
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
-    return _sheets(path, status.st_size, status.st_mtime_ns)
+    first_bytes(path)  # refuses a file that cannot be opened
+    return _sheets(path, path.stat().st_size, path.stat().st_mtime_ns)
 
 
 def beginning(path: Path, rows: int = 200) -> str:
@@ -113,19 +109,20 @@ def _check_archive(path: Path) -> None:
             names = {part.filename for part in parts}
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError) as error:
         raise _damaged(path, str(error)) from None
-    total = sum(part.file_size for part in parts)
+    total, text, hint = sum(part.file_size for part in parts), "", ""
     if not ({"xl/workbook.xml", "xl/workbook.bin"} & names or {"content.xml", "mimetype"} <= names):
         text, hint = "a ZIP archive that holds no workbook", "Unpack it, and name the files in it."
         if names and all(name.endswith(".npy") for name in names):
             text, arrays = "an archive of NumPy arrays (.npz)", sorted(name.removesuffix(".npy") for name in names)[:4]
             hint = f"It is a NumPy archive (.npz) of the arrays {', '.join(arrays)}: "
             hint += "save them as CSV with headings and units."
-        raise SourceError(path, text, hint=hint)
-    if total > _MOST_UNPACKED:
+    elif total > _MOST_UNPACKED:
         text = f"the workbook unpacks to {total} bytes; at most {_MOST_UNPACKED} are read"
-        raise SourceError(path, text, hint="This is no export of an instrument; export as CSV.")
-    if any(part.flag_bits & 1 for part in parts):
-        raise SourceError(path, "the workbook is encrypted", hint="Save it without a password.")
+        hint = "This is no export of an instrument; export as CSV."
+    elif any(part.flag_bits & 1 for part in parts):
+        text, hint = "the workbook is encrypted", "Save it without a password."
+    if text:
+        raise SourceError(path, text, hint=hint)
 
 
 def _damaged(path: Path, found: str) -> SourceError:

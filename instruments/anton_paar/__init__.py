@@ -43,11 +43,4 @@ def _sniff(head: bytes, path: Path) -> bool:
     return "\0" not in text and _INTERVAL.search(text) is not None
 
 
-INSTRUMENT = Instrument(
-    name="anton_paar",
-    title="rheometer export",
-    content="sweep",
-    sniff=_sniff,
-    reader="instruments.anton_paar:read",
-    options=Options,
-)
+INSTRUMENT = Instrument("anton_paar", "rheometer export", "sweep", _sniff, "instruments.anton_paar:read", Options)

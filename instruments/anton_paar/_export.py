@@ -8,7 +8,6 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -66,47 +65,36 @@ def read(
     -----
     UserWarning
         Fewer points than declared, a joined file, repaired words.
-
-    Examples
-    --------
-    >>> readings = read("sweep.csv")  # doctest: +SKIP
-    >>> readings.storage_modulus.where(readings.interval == 2)  # doctest: +SKIP
     """
     check_decimal(decimal)
     notes = Notes(Path(path))
-    path, found = notes.path, open_sheets(notes, encoding, allow_incomplete=allow_incomplete)
-    export, how = Export(notes), {"encoding": found.encoding}
-    is_text = [title for title, _ in found.sheets] == [""]
-    if is_text:
-        how["delimiter"] = _delimiter_of(path, found.sheets[0][1])
-    for title, lines in found.sheets:
+    path, (sheets, codec, open_line) = notes.path, open_sheets(notes, encoding, allow_incomplete=allow_incomplete)
+    export, how = Export(notes), {"encoding": codec}
+    if [title for title, _ in sheets] == [""]:  # a text
+        how["delimiter"] = _delimiter_of(path, sheets[0][1])
+    for title, lines in sheets:
         export.read(title, lines, how.get("delimiter", TAB))
     if export.dangling:
         notes.add("the file ends after a label, before its table: it is cut", export.dangling)
     if not any(table.rows for table in export.tables):
         hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
         raise SourceError(path, "found no table with rows of data", hint=hint)
-    if found.open_line:  # the last point may be whole: it ends with a status seen above
+    if open_line:  # the last point may be whole: it ends with a status seen above
         last = export.tables[-1]
         *ends, end = ["".join(row[-1:]) for _, row in last.rows] or [""]
-        is_last = last.rows[-1:] and last.rows[-1][0] == found.open_line and last.declared == len(last.rows)
+        is_last = last.rows[-1:] and last.rows[-1][0] == open_line and last.declared == len(last.rows)
         if not (is_last and quantity(last.headings[-1].text) == "status" and end and end in ends):
             text, hint = "the last line is cut, it has no line end", "Export the file again, or drop this line with "
-            raise SourceError(path, text, line=found.open_line, hint=hint + "allow_incomplete=True.")
+            raise SourceError(path, text, line=open_line, hint=hint + "allow_incomplete=True.")
         notes.add("the last line has no line end; its table is complete, but further ones may be lost")
     signs = signs_of(path, export.tables, decimal)
     intervals = [_interval(table, signs, notes) for table in export.tables if table.unit_line and table.rows]
     counts = {"rows_read": sum(len(t.rows) for t in export.tables), "intervals_read": len(export.tables)}
-    attrs: dict[str, Any] = {
-        "project": "".join(export.header[:1]).partition("\t")[2],
-        "header": "\n".join(export.header),
-        "decimal": signs.decimal,
-        **how,
-        "cut": json.dumps(export.cut, ensure_ascii=False),
-        "clock": "relative to the test; it may run on over intervals or begin anew",
-        "work": json.dumps({"bytes_read": path.stat().st_size, **counts}),
-    }
-    return assemble(intervals, path, **attrs)
+    how |= {"project": "".join(export.header[:1]).partition("\t")[2], "header": "\n".join(export.header)}
+    how |= {"decimal": signs.decimal, "cut": json.dumps(export.cut, ensure_ascii=False)}
+    how["clock"] = "relative to the test; it may run on over intervals or begin anew"
+    how["work"] = json.dumps({"bytes_read": path.stat().st_size, **counts})
+    return assemble(intervals, path, **how)
 
 
 def _delimiter_of(path: Path, lines: Lines) -> str:
@@ -141,8 +129,7 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
     count = len(table.rows)
     point, valid, before = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0
     place = next((k for k, heading in enumerate(table.headings) if heading.name == "point"), None)
-    if place is None:
-        point = np.arange(1, count + 1)
+    point = np.arange(1, count + 1) if place is None else point
     for i, (line, row) in enumerate(table.rows if place is not None else ()):
         if not (text := "".join(row[place:][:1])):
             continue  # raw waveforms have no number
@@ -156,11 +143,8 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> Interval:
         valid[i] = match[2] is None
     short = short_rows(notes, table, wanted)
     values = numbers(notes, table, signs, wanted)
-    pairs = [
-        (heading, column)
-        for k, (heading, column) in enumerate(zip(table.headings, values.T, strict=True))
-        if heading.text and heading.name != "point" and k not in texts
-    ]
+    named = [k for k, h in enumerate(table.headings) if h.text and h.name != "point" and k not in texts]
+    pairs = [(table.headings[k], values[:, k]) for k in named]
     for heading, column in pairs:
         column[short if heading.name in TIMES else short | ~valid] = np.nan
     columns = (*converted(notes, table, pairs, wanted).values(), *texts.values())

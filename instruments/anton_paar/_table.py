@@ -46,10 +46,7 @@ class Table(Block):
 
 @dataclass(slots=True)
 class Export:
-    """The tables of an export and the lines around them.
-
-    ``cut`` holds line and note of tables that lack points, ``dangling`` the line of a label behind the last table.
-    """
+    """The tables of an export; ``cut``: line and note of those that lack points, ``dangling``: line of a last label."""
 
     notes: Notes
     tables: list[Table] = field(default_factory=list)
@@ -101,10 +98,7 @@ class Export:
             k = self._table(table, rows, k, is_plus=is_plus)
 
     def _table(self, table: Table, rows: list[tuple[int, list[str]]], k: int, *, is_plus: bool) -> int:
-        """Read names, units and rows of a table; return the index of the first line behind it.
-
-        An empty line ends a table that has rows. RheoPlus writes settings of the interval before the names.
-        """
+        """Read names, units and rows of a table up to an empty line; return the index of the first line behind it."""
         path, names_at, subs, before = table.place(self.notes.path), 0, list[str](), 0
         while k < len(rows):
             line, row = rows[k]

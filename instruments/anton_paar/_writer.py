@@ -12,26 +12,16 @@ from labpipe.errors import InputError
 
 
 def encode(intervals: Sequence[Interval], project: str = "", digits: int | None = None) -> bytes:
-    """Write intervals as an export.
+    """Return the bytes of an export: UTF-16, little-endian, with its mark.
 
     Parameters
     ----------
     intervals : sequence of Interval
-        Those of one test, and of one result in it, one behind the other.
+        Those of one test, and of one result in it, one behind the other. InputError where a text holds a TAB.
     project : str
         First line of the export.
     digits : int, optional
         Significant digits; by default as many as the number has.
-
-    Returns
-    -------
-    bytes
-        UTF-16, little-endian, with its mark.
-
-    Raises
-    ------
-    InputError
-        A text holds a TAB or a line end.
     """
     rows, before = [["Project:", project], [""]], ("", "")
     for interval in intervals:

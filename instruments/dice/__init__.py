@@ -25,15 +25,8 @@ def _sniff(head: bytes, path: Path) -> bool:
     return b"COORDINATE_X" in head and b"DISPLACEMENT_X" in head
 
 
+_UNPROPOSED = "displacements that another program correlated are read, drawn and exported, but no kind of experiment "
+_UNPROPOSED += "begins from them; name the film that they were made of instead"
 INSTRUMENT = Instrument(
-    name="dice",
-    title="displacement field of DICe",
-    content="displacement_field",
-    sniff=_sniff,
-    reader="instruments.dice:read",
-    options=Options,
-    unproposed=(
-        "displacements that another program correlated are read, drawn and exported, but no kind "
-        "of experiment begins from them; name the film that they were made of instead"
-    ),
+    "dice", "displacement field of DICe", "displacement_field", _sniff, "instruments.dice:read", Options, _UNPROPOSED
 )

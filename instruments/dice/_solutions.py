@@ -1,7 +1,6 @@
-"""Results of the correlation program DICe: a folder of DICe_solution_*.txt, one file per frame.
+"""Results of the correlation program DICe: a folder of DICe_solution_*.txt, one file per frame, in pixels, y downwards.
 
-The fields are the user's choice, so columns are found by their names. Pixels, y downwards. A
-point that failed carries SIGMA = -1 and becomes NaN.
+The fields are the user's choice, so columns are found by their names.
 """
 
 import os
@@ -44,19 +43,14 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     Returns
     -------
     Dataset over (frame, point)
-        ``dx``, ``dy`` [px], ``valid``, and of the further fields those that are known (``sigma``,
-        ``rotation``, ``gamma``, …); coordinates ``frame`` (number in the file name), ``x``, ``y``
-        [px]. Failed points are NaN. The attribute ``other_fields`` names the fields that were not read.
+        ``dx``, ``dy`` [px], ``valid``, and of the further fields those that are known (``sigma``, ``rotation``,
+        ``gamma``, …); coordinates ``frame`` (number in the file name), ``x``, ``y`` [px]. Points that failed, with
+        SIGMA = -1, are NaN, and warned of. The attribute ``other_fields`` names the fields that were not read.
 
     Raises
     ------
     SourceError
         A field is missing, a number cannot be read, or the points differ between frames.
-
-    Warns
-    -----
-    UserWarning
-        Points failed.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
@@ -65,8 +59,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     if not numbered:
         raise SourceError(path, "no file DICe_solution_<number>.txt is there")
     header, first = _one(numbered[0][1])
-    tables = [first]
-    places = [header.index(name) for name in _REQUIRED[:2]]
+    tables, places = [first], [header.index(name) for name in _REQUIRED[:2]]
     for _, other in numbered[1:]:
         names, table = _one(other)
         if names != header:
@@ -78,9 +71,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
         tables.append(table)
     values, frames = np.stack(tables), np.array([number for number, _ in numbered])
     columns = {name: values[:, :, k] for k, name in enumerate(header)}
-    valid = np.isfinite(columns["DISPLACEMENT_X"]) & np.isfinite(columns["DISPLACEMENT_Y"])
-    if "SIGMA" in columns:
-        valid &= columns["SIGMA"] >= 0
+    valid = columns.get("SIGMA", np.zeros(values.shape[:2])) >= 0
     variables: dict[str, Any] = {
         name: variable(("frame", "point"), np.where(valid, columns[field], np.nan), units, label)
         for field, (name, units, label) in _FIELDS.items()
@@ -96,10 +87,8 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
         coordinates["time"] = variable("frame", (frames - frames[0]) / fps, "s", "time")
     if lost := int((~valid).sum()):
         warn_of(path.name, f"{lost} of {valid.size} points failed in DICe and are NaN")
-    known = {*_FIELDS, *_REQUIRED, "SUBSET_ID"}
-    other_fields = ", ".join(name for name in header if name not in known)
-    attrs = {"instrument": "DICe", "source": path.name, "other_fields": other_fields}
-    return xr.Dataset(variables, coordinates, attrs)
+    others = ", ".join(name for name in header if name not in {*_FIELDS, *_REQUIRED, "SUBSET_ID"})
+    return xr.Dataset(variables, coordinates, {"instrument": "DICe", "source": path.name, "other_fields": others})
 
 
 def _one(path: Path) -> tuple[list[str], Floats]:

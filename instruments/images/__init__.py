@@ -13,14 +13,18 @@ else:
     __getattr__ = lazily(__name__)
 
 
-RAW_FRAMES = (
-    "Raw frames name neither their size nor their bits: keep the header (.cih or .cihx) of a .mraw in its folder, or "
-    "export the film as TIFF."
-)
+RAW_FRAMES = "Raw frames name neither their size nor their bits: keep the header (.cih or .cihx) of a .mraw in its "
+RAW_FRAMES += "folder, or export the film as TIFF."
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 #: Images that have lost detail: a film where there are no others and somebody says so, by its frame rate.
 LOSSY = (".jpg", ".jpeg")
 _JPEG = b"\xff\xd8\xff"
+_OF_JPEG = "It holds JPEG images, whose compression smooths away the detail that is measured, by an unknown amount: "
+_OF_JPEG += (
+    "have the camera's program export the film as PNG or TIFF, or give the camera's own file. Numbered and with "
+)
+_OF_JPEG += "a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same, those in colour "
+_OF_JPEG += 'with channel="green" (or "red", "blue").'
 
 
 class Options(TypedDict, total=False):
@@ -78,20 +82,8 @@ def folder_hint(folder: Path) -> str:
     if inside is not None:
         return f"Its images lie one folder deeper: name {folder.name}/{inside.name}."
     if any(images_in(folder, LOSSY)):
-        return (
-            "It holds JPEG images, whose compression smooths away the detail that is measured, by an unknown amount: "
-            "have the camera's program export the film as PNG or TIFF, or give the camera's own file. "
-            "Numbered and with a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same, "
-            'those in colour with channel="green" (or "red", "blue").'
-        )
+        return _OF_JPEG
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 
 
-INSTRUMENT = Instrument(
-    name="image_stack",
-    title="film exported as images",
-    content="film",
-    sniff=_sniff,
-    reader="instruments.images:read",
-    options=Options,
-)
+INSTRUMENT = Instrument("image_stack", "film exported as images", "film", _sniff, "instruments.images:read", Options)

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from instruments._stored_film import StoredFrames
-from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered, is_tiff
+from instruments.images import LOSSY, SUFFIXES, images_in, is_tiff
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
+from labpipe.text import first_bytes
 
 Channel = Literal["red", "green", "blue"]
 CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")
@@ -52,10 +53,9 @@ logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # damage is reported o
 
 
 class ImageHeader(NamedTuple):
-    """Size and bits of one image; ``fault`` names damage that shows without decoding, or is "".
+    """Size and bits of one image, by content "PNG", "JPEG", "BMP" or "TIFF", in page ``page`` of a file.
 
-    ``kind`` is "PNG", "JPEG", "BMP" or "TIFF", by content; ``is_compressed`` if only decoding shows whether the pixels
-    are whole; ``path`` is its file, ``page`` its number in it.
+    ``fault`` names damage that shows without decoding; ``is_compressed`` if only decoding shows whether it is whole.
     """
 
     rows: int
@@ -91,19 +91,14 @@ def one_intensity(image: NDArray[Any], allowed: int, path: Path, name: str, chan
 def read_headers(path: Path) -> list[ImageHeader]:
     """Return the header of every image in a PNG, TIFF, BMP or JPEG file.
 
-    CutOffError where the file ends within its first header or is none of these, SourceError where it declares more
-    than it holds or an image that is not read.
+    CutOffError where it ends within its first header or is none of these, SourceError for an image that is not read.
     """
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(34)
-            size = stream.seek(0, 2)
-            stream.seek(-min(size, 64), 2)
-            tail = stream.read()
-    except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
-    if not head:
+    if not (head := first_bytes(path, 34)):
         raise CutOffError(path, "the image is empty")
+    with path.open("rb") as stream:
+        size = stream.seek(0, 2)
+        stream.seek(-min(size, 64), 2)
+        tail = stream.read()
     if is_tiff(head):
         return _tiff(path, size)
     try:
@@ -174,9 +169,7 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
 def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
     """Count the pages of a TIFF, each of which names the place of the next, and find out whether they break off."""
     form, handle, seen, at = film.tiff, film.filehandle, set[int](), film.pages[0].offset
-    while at:
-        if at in seen:
-            raise SourceError(path, "the TIFF's pages form a circle", offset=at, hint=_COPY)
+    while at and at not in seen:
         try:
             handle.seek(at)
             (entries,) = struct.unpack(form.tagnoformat, handle.read(form.tagnosize))
@@ -186,18 +179,22 @@ def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
             return len(seen), True
         seen.add(at)
         at = following
+    if at:
+        raise SourceError(path, "the TIFF's pages form a circle", offset=at, hint=_COPY)
     return len(seen), False
 
 
 def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
-    """Return the headers of the images of a folder, sorted by the number in their names, and these; warn of gaps."""
-    exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
-    named = exact or lossy
-    if not named:
+    """Return the headers of the images of a folder, sorted by the number in their names, and these; warn of gaps.
+
+    JPEG images count where there are no others.
+    """
+    named, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
+    if not (named := named or lossy):
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
     words = [_NUMBER.sub("#", path.stem).lower() for path in named]
-    other = next((k for k, of in enumerate(words) if of != words[0] and words.count(of) > 1), None)
-    if other is not None and words.count(words[0]) > 1:
+    other = next((k for k, of in enumerate(words) if of != words[0] and min(map(words.count, (of, words[0]))) > 1), 0)
+    if other:
         text = f"belongs to another film than {named[0].name}, as their names differ in more than their numbers"
         raise SourceError(named[other], text, hint=_ONE_FILM)
     numbered = sorted(zip(_numbers(named), named, strict=True))
@@ -223,20 +220,14 @@ def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
         raise cut[0]
     for place, cut_off in cut.items():
         headers.insert(place, headers[0]._replace(path=numbered[place][1], fault=cut_off.message))
-    left_out = [path for path in lossy if exact and is_numbered(path)]
     if any(each.kind == "JPEG" for each in headers):
         text = "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
         warn_of(folder.name, f"{text}calibrated; their compression {SMOOTHED}", category=SmoothedFilmWarning)
-    elif left_out:
-        text = f"JPEG images among the others are left out, {len(left_out)} with a number in the name, the first "
-        text += f"{left_out[0].name}: if they are frames of the film, export them as the others"
-        warn_of(folder.name, text)
     usual = int(np.min(steps)) if len(steps) else 1
-    missing = int(np.sum(steps // usual - 1))
     if usual > 1:
         text = f"the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
         warn_of(folder.name, text + "if every frame of the camera is here, number them one by one")
-    if missing:
+    if missing := int(np.sum(steps // usual - 1)):
         after = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         text = f"{'1 image is' if missing == 1 else f'{missing} images are'} missing, the first after number {after}; "
         warn_of(folder.name, text + "times follow the numbers, so the film has gaps")
@@ -318,9 +309,7 @@ class ImageFiles(ExportedFrames):
                 text += f"bits, but the first of the film has {first.columns} × {first.rows} px of {first.bits} bits"
                 raise SourceError(one.path, text, hint=_ONE_FILM)
         self._headers, self._faults = headers, dict[int, str]()
-        cut = [i for i, one in enumerate(headers) if one.fault]
-        self._warn(cut, "not whole")
-        self._n_warned = len(cut)
+        self._n_warned = self._warn([i for i, one in enumerate(headers) if one.fault], "not whole")
         self._pages = _Pages(path) if headers[-1].page else None
 
     @cached_property
@@ -333,15 +322,15 @@ class ImageFiles(ExportedFrames):
             self._warn(bad, "damaged")
         return np.array([not fault for fault in faults])
 
-    def _warn(self, bad: Sequence[int], how: str) -> None:
-        """Warn of images without a value, as after a copy that broke off."""
-        if not bad:
-            return
-        count, is_one = len(self), len({one.path for one in self._headers}) == 1
-        which = f"image {bad[0] + 1}" if is_one else self._headers[bad[0]].path.name
-        verb, named = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
-        text = f"{len(bad)} of {count} images {verb} {how} and left out, {named}: {self.fault(bad[0])}. "
-        warn_of(self._path.name, text + "Copy the film from the camera again", category=IncompleteFilmWarning)
+    def _warn(self, bad: Sequence[int], how: str) -> int:
+        """Warn of images without a value, as after a copy that broke off, and count them."""
+        if bad:
+            is_one = len({one.path for one in self._headers}) == 1
+            which = f"image {bad[0] + 1}" if is_one else self._headers[bad[0]].path.name
+            verb, named = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
+            text = f"{len(bad)} of {len(self)} images {verb} {how} and left out, {named}: {self.fault(bad[0])}. "
+            warn_of(self._path.name, text + "Copy the film from the camera again", category=IncompleteFilmWarning)
+        return len(bad)
 
     def fault(self, index: int) -> str:
         """Say why an image cannot be decoded, or "".

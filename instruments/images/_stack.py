@@ -1,8 +1,4 @@
-"""Films that were exported as images or as a video.
-
-Such files hold no time: the frame rate must be said. Gain, brightness and gamma may have been
-baked in by the exporting program, so intensities are not calibrated.
-"""
+"""Films that were exported as images or as a video, which hold no time and whose intensities are not calibrated."""
 
 import os
 from pathlib import Path
@@ -43,16 +39,14 @@ def read(
 
     Raises
     ------
-    SourceError
-        There are no images, they differ in size, are in colour without a channel, or declare impossible sizes.
-    InputError
-        The frame rate is missing or not positive.
+    SourceError, InputError
+        There are no images, they differ in size, are in colour without a channel, or declare impossible sizes; the
+        frame rate is missing.
 
     Warns
     -----
     UserWarning
-        Numbers are missing in the names of the images; images are cut off; a video's levels and rate
-        are not the camera's.
+        Numbers are missing in the names of the images; images are cut off; levels are not the camera's.
     """
     path = Path(path)
     if fps is None:

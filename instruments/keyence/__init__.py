@@ -10,12 +10,7 @@ from labpipe.installation import lazily
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
-    from instruments.keyence._acquisition import (
-        Acquired as Acquired,
-        Setup as Setup,
-        record as record,
-        recover as recover,
-    )
+    from instruments.keyence._acquisition import Setup as Setup, record as record, recover as recover
     from instruments.keyence._connection import (
         DL_EN1 as DL_EN1,
         LK_G5000 as LK_G5000,
@@ -62,11 +57,4 @@ def _sniff(head: bytes, path: Path) -> bool:
     return "\0" not in text and _WORDS.search(text) is not None and _LINE.search(text) is not None
 
 
-INSTRUMENT = Instrument(
-    name="keyence",
-    title="Keyence storage file",
-    content="displacement",
-    sniff=_sniff,
-    reader="instruments.keyence:read",
-    options=Options,
-)
+INSTRUMENT = Instrument("keyence", "Keyence storage file", "displacement", _sniff, "instruments.keyence:read", Options)

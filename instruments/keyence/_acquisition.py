@@ -1,7 +1,6 @@
-"""Recording of a running Keyence controller into a storage file.
+"""Recording of a running Keyence controller into a storage file, which is readable at any moment.
 
-Readings are requested at even times after the start. Every row is appended as it comes, so the file is readable at any
-moment, also after a crash. A reading that is late or lost leaves its row without one; nothing is filled in.
+Readings are requested at even times after the start. A reading that is late or lost leaves its row without one.
 """
 
 import contextlib
@@ -70,10 +69,8 @@ def record(
 
     Raises
     ------
-    UsageError
-        A file of that name exists.
-    SourceError, KeyboardInterrupt
-        The controller cannot be reached or is silent, or the user stopped; readings until then are in the file.
+    UsageError, SourceError
+        A file of that name exists; the controller is silent, and the readings until then are in the file.
     """
     done = Acquired(path, path.with_suffix(".times.csv"))
     if existing := next((p for p in (done.path, done.times) if p.exists()), None):
@@ -82,9 +79,8 @@ def record(
         raise UsageError("duration and patience must be positive")
     connection: Connection | None = connect()
     started, begun = datetime.now().astimezone(), time.perf_counter()
-    slot, first, answered = 0, 0, 0.0
+    slot, first, answered, waiting = 0, 0, 0.0, [TOKENS[Status.WAITING]] * len(setup.outputs)
     append: tuple[Callable[[str], None], ...] = ()
-    waiting = [TOKENS[Status.WAITING]] * len(setup.outputs)
 
     def hang_up() -> None:
         nonlocal connection

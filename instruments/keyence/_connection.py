@@ -1,8 +1,7 @@
-"""Readings of a running Keyence controller over TCP.
+"""Readings of a running Keyence controller over TCP, tested against an emulator only.
 
-Two protocols, as far as they are publicly documented: the binary one of the LK-G5000 (port 24687) and the ASCII one of
-the IL series with a DL-EN1 unit. A controller sends whole numbers; the decimal sign and the unit are settings of its
-display. Tested against an emulator only.
+Two protocols, as far as they are publicly documented: the binary one of the LK-G5000 and the ASCII one of the IL series
+with a DL-EN1 unit. A controller sends whole numbers; decimal sign and unit are settings of its display.
 """
 
 import re
@@ -30,11 +29,10 @@ class Reading(NamedTuple):
 
 
 class Connection:
-    """An open connection, to be closed after use.
+    """An open connection, to be closed after use; ``timeout`` [s] holds for it and for each whole answer.
 
-    ``protocol`` is "lk-g5000" or "dl-en1"; ``outputs`` are numbers of outputs or amplifiers, from 1; ``timeout`` [s]
-    holds for the connection and for each whole answer. Raises SourceError without a controller at the address,
-    InputError for a protocol or an output that does not exist.
+    ``protocol`` is "lk-g5000" or "dl-en1"; ``outputs`` are numbers of outputs or amplifiers, from 1. Raises SourceError
+    without a controller at the address, InputError for a protocol or an output that does not exist.
     """
 
     def __init__(self, protocol: str, host: str, port: int, outputs: tuple[int, ...], timeout: float) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from instruments._layout import trimmed
 from instruments._quantities import WORDS, is_unit, unit_of
 from instruments.keyence._markers import marker_status
 from labpipe.errors import UNSAID, InputError, SourceError
@@ -27,7 +28,6 @@ _TIME = re.compile(
     r"zeit|uhrzeit|temps|時間|時刻|时间",
     re.IGNORECASE,
 )
-_WORDS = re.compile(r"judge?ments?|judge|results?(?: info)?|status|state|go/?ng|判定(?:結果)?|结果", re.IGNORECASE)
 _JUDGEMENT = re.compile(r"GO|NG|OK|HI|LO|HH|LL|HIGH|LOW|PASS|FAIL", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 CLOCK = re.compile(r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
@@ -43,7 +43,7 @@ class Header:
     ``lines``: unchanged; ``entries``: meaning of a label to (line number, cells of its value, unit inside the label);
     ``outputs``: numbers of the outputs in the order of their columns; ``has_counter``: the first column that is read
     counts the points; ``units``: one per output, or fewer; ``n_cells`` of a row, of which the indices ``kept`` are
-    read; ``times``: index of the column of times or None, and ``time_unit``, "" where it is not stated.
+    read; ``times``: index of the column of times or None.
     """
 
     path: Path
@@ -56,7 +56,6 @@ class Header:
     n_cells: int
     kept: tuple[int, ...]
     times: int | None
-    time_unit: str
 
     @property
     def n_lines(self) -> int:
@@ -186,14 +185,12 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
         text = f"the first row has {len(row)} cells, its names are {len(names)}"
         raise SourceError(path, text, line=start + 1, column=1, hint=hint)
     kept: list[int] = []
-    times, time_unit = None, ""
+    times = None
     for index, cell in enumerate(row):  # without names the cells of the first row tell
         label = _LABEL.fullmatch(names[index]) if names else None
         if times is None and (_TIME.fullmatch(label[1]) if label else CLOCK.fullmatch(cell)):
-            times, time_unit = index, (label and label[2]) or ""
-        elif (cell or (label and label[0])) and not (
-            _WORDS.fullmatch(label[1] if label else "") or _JUDGEMENT.fullmatch(cell)
-        ):
+            times = index
+        elif (cell or (label and label[0])) and not _JUDGEMENT.fullmatch(cell):
             kept.append(index)
     firsts = [cells[0] for cells in split[start:]]
     has_counter = len(kept) > 1 and len(firsts) == 3 and firsts[0] in ("0", "1") and all(map(str.isdigit, firsts))
@@ -206,9 +203,7 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
     outputs, units = tuple(range(1, len(of_outputs) + 1)), tuple[str, ...]()
     if names_at is not None:
         outputs, units = _outputs(path, [names[index] for index in of_outputs], names_at)
-        if below := _units_below(path, lines[:start], names_at, delimiter, of_outputs):
-            units = tuple(below[index] for index in of_outputs)
-            time_unit = time_unit if times is None else below[times] or time_unit
+        units = _units_below(path, lines[:start], names_at, delimiter, of_outputs) or units
     entries: dict[str, tuple[int, tuple[str, ...], str]] = {}
     for number, line in enumerate(lines[: start if names_at is None else names_at], 1):
         cells = split_cells(line, delimiter)
@@ -218,8 +213,7 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
         for meaning, pattern in _LABELS.items():
             if label and pattern.fullmatch(label[1]) and meaning not in entries:
                 entries[meaning] = (number, tuple(cells[1:]), label[2] or "")
-    whole = (path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept))
-    return Header(*whole, times, time_unit)
+    return Header(path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept), times)
 
 
 def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
@@ -227,7 +221,7 @@ def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
     for index, line in enumerate(lines):
         for delimiter in ("\t", ";", ","):
             cells = split_cells(line, delimiter)
-            filled = cells[: max((k + 1 for k, cell in enumerate(cells) if cell), default=0)]
+            filled = trimmed(cells)
             others = [cell for cell in filled if not _is_reading(cell)]
             is_row = len(others) < len(filled) and all(CLOCK.fullmatch(c) or _JUDGEMENT.fullmatch(c) for c in others)
             if delimiter in line and is_row:
@@ -287,8 +281,8 @@ def _units_below(
             continue
         if units or len(cells) <= max(of_outputs) or not all(_is_displayed(cells[k]) for k in of_outputs):
             wrong = next((i for i, cell in enumerate(cells) if not _is_reading(cell)), 0)
-            text, hint = f"found {shorten(cells[wrong])}, expected the first row of readings", "A cell of the row is "
-            hint += "no number and no known marker; export the file again."
-            raise SourceError(path, text, line=index + 1, column=column_of(line, delimiter, wrong), hint=hint)
-        units = tuple(cells)
+            text, at = f"found {shorten(cells[wrong])}, expected the first row", column_of(line, delimiter, wrong)
+            hint = "A cell of the row is no number and no known marker; export the file again."
+            raise SourceError(path, text, line=index + 1, column=at, hint=hint)
+        units = tuple(cells[k] for k in of_outputs)
     return units

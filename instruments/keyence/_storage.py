@@ -1,7 +1,7 @@
 """Keyence laser displacement storage files, read.
 
-No such file is public, so the layout is assumed (``layout = "assumed"`` in the result). A storage file carries no time:
-time is the number of the point times the storage interval, from the first point.
+No such file is public, so the layout is assumed. A storage file carries no time: time is the number of the point times
+the storage interval, from the first point.
 
 ::
 
@@ -14,13 +14,13 @@ time is the number of the point times the storage interval, from the first point
     1,+00.1234,-00.0120
     2,+00.1236,-FFFFFFF
 
-Rows are parsed in batches by numpy. A batch that holds a marker, or a number that may be one, is read again cell by
-cell; so is any batch in which something is wrong, to name line and column.
+Rows are parsed in batches by numpy; one that holds a marker, a number that may be one, or a fault, cell by cell.
 """
 
 import contextlib
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
@@ -32,6 +32,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from instruments._clock import moment
+from instruments._quantities import unit_of
 from instruments.keyence._header import CLOCK, Header, column_of, parse_header, split_cells
 from instruments.keyence._markers import NUMERIC_MARKER, Layout, Status, layout, marker_status
 from labpipe.arrays import Floats
@@ -50,8 +51,8 @@ from labpipe.text import (
     shorten,
     survey,
 )
-from labpipe.units import Quantity, unit
-from labpipe.variables import described, variable
+from labpipe.units import Quantity
+from labpipe.variables import variable
 
 DEVICE = "Keyence laser displacement sensor"
 _CODECS = ("cp932", "cp1252", "gbk")  # tried in this order without a byte order mark where it is not UTF-8
@@ -78,35 +79,29 @@ def read(
     path : path-like
         The file.
     cycle : str or float or Quantity, optional
-        Time between samples, ``"50 us"`` or a number in s; needed when the file does not say it.
-        Without any word on the storage factor it is the time between stored points.
+        Time between samples, ``"50 us"`` or s, of stored points where nothing says the storage factor.
     units : sequence of str, optional
-        Unit of every output, in order; needed when the file does not say them.
+        Unit of every output, in order.
     storage_factor : int, optional
-        Samples per stored point; needed when the file says its cycle but not this.
+        Samples per stored point. Each of these three is needed when the file does not say it.
     encoding, decimal : str, optional
         By default decided from the file.
     allow_incomplete : bool
-        Read a file that lacks rows: a cut last row is dropped, and where the counter jumps the
-        time follows the counter; both give a warning. By default such a file is refused.
+        Read a file that lacks rows, with a warning: a cut last row is dropped, and where the counter jumps the time
+        follows it. By default such a file is refused.
 
     Returns
     -------
     Dataset
-        Over ``time`` [s], 0 at the first point: ``out1``, ``out2``, … [m, or V, m/s, m/s2],
-        NaN without a reading, and ``status1``, … (:class:`Status`). Attributes:
-        ``sampling_interval`` [s] between stored points, ``sampling_cycle`` [s],
-        ``storage_factor``, ``averaging`` when stated, ``header``, ``start``, ``encoding``,
+        Over ``time`` [s], 0 at the first point: ``out1``, ``out2``, … [m, or V, m/s, m/s2], NaN without a reading, and
+        ``status1``, … (:class:`Status`). Attributes: ``sampling_interval`` [s] between stored points,
+        ``sampling_cycle`` [s], ``storage_factor``, ``averaging`` when stated, ``header``, ``start``, ``encoding``,
         ``layout``, ``status_counts`` (JSON).
 
     Raises
     ------
     SourceError
         With file, line and column of the fault, or with the option that is needed.
-
-    Examples
-    --------
-    >>> readings = read("drop.csv", cycle="50 us", units=["mm"])  # doctest: +SKIP
     """
     check_decimal(decimal)
     if storage_factor is not None and (not isinstance(storage_factor, int) or storage_factor < 1):
@@ -119,53 +114,37 @@ def read(
         if asked is not None or {"cycle", "storage"} <= header.entries.keys():
             sampling = header.settle_cycle(asked)
             stated = sampling * header.settle_storage(storage_factor, sampling, is_cycle_given=True)
-        how: dict[str, Any] = {"decimal": decimal, "allow_incomplete": allow_incomplete}
-        return _with_times(source, header, unit_texts[0], stated, **how)
+        return _with_times(source, header, unit_texts[0], stated, decimal=decimal, allow_incomplete=allow_incomplete)
     form, values, status = _read_rows(header, _rows(source, header, allow_incomplete), decimal)
-    counter = values[:, 0].astype(np.int64) if header.has_counter else None
-    _check_rows(header, len(values), counter, allow_incomplete)
+    index = _numbers(header, values, allow_incomplete)
     sampling = header.settle_cycle(asked)
     factor = header.settle_storage(storage_factor, sampling, is_cycle_given=asked is not None)
-    index = np.arange(len(values)) if counter is None else counter - counter[0]
     variables: dict[str, Any] = {}
     states: dict[str, dict[str, int]] = {}
     for column, (output, text) in enumerate(zip(header.outputs, unit_texts, strict=True), int(header.has_counter)):
-        readings, flags, known = values[:, column], status[:, column], unit(text)
-        if known.si == "V":
-            is_saturated = np.abs(readings * known.factor) >= _SATURATION
-            readings = np.where(is_saturated, np.nan, readings)
-            flags = np.where(is_saturated, np.int8(Status.SUSPECT), flags)
-        attrs: dict[str, Any] = described(known.si, f"OUT{output}", original_unit=text)
+        flags, (scale, si), how = status[:, column], unit_of(text), dict[str, Any](original_unit=text)
+        readings = values[:, column] * scale
+        is_saturated = np.abs(readings) >= (_SATURATION if si == "V" else np.inf)
+        flags = np.where(is_saturated, np.int8(Status.SUSPECT), flags)
         if (written := form.layouts[column]) is not None:
-            attrs |= {"decimals": written.decimals, "resolution": known.factor * 10.0**-written.decimals}
+            how |= {"decimals": written.decimals, "resolution": scale * 10.0**-written.decimals}
         meaning = {"flag_values": [*map(int, Status)], "flag_meanings": " ".join(state.name for state in Status)}
-        variables[f"out{output}"] = ("time", readings * known.factor, attrs)
-        variables[f"status{output}"] = ("time", flags, described("1", f"state of OUT{output}", **meaning))
+        readings = np.where(is_saturated, np.nan, readings)
+        variables[f"out{output}"] = variable("time", readings, si, f"OUT{output}", **how)
+        variables[f"status{output}"] = variable("time", flags, "1", f"state of OUT{output}", **meaning)
         states[f"status{output}"] = {Status(k).name: int(n) for k, n in enumerate(np.bincount(flags)) if n}
-    averaging = header.count("averaging")
-    date = header.text("date")
+    averaging, date = header.count("averaging"), header.text("date")
     start = moment(f"{date} {header.text('clock')}".strip()) or moment(date)  # None in a form that is ambiguous
-    facts = {
-        "instrument": DEVICE,
-        **{name: header.text(name) for name in ("model", "serial", "head") if name in header.entries},
-        "source": source.path.name,
-        "layout": "assumed",
-        "start": "" if start is None else start.isoformat(),
-        "clock": "none: a counter of samples",
-        "sampling_cycle": sampling,
-        "storage_factor": factor,
-        "sampling_interval": sampling * factor,
-        **({"averaging": averaging} if averaging is not None else {}),
-        "rows_stated": int("rows" in header.entries),
-        "header": "\n".join(header.lines),
-        "encoding": source.encoding,
-        "delimiter": header.delimiter,
-        "decimal": form.signs.decimal,
-        "work": json.dumps({"bytes_read": source.size, "rows_read": len(values)}),
-        "status_counts": json.dumps(states),
-    }
+    facts: dict[str, Any] = {"instrument": DEVICE, "source": source.path.name, "layout": "assumed"}
+    facts |= {name: header.text(name) for name in ("model", "serial", "head") if name in header.entries}
+    facts |= {"start": "" if start is None else start.isoformat(), "clock": "none: a counter of samples"}
+    facts |= {"sampling_cycle": sampling, "storage_factor": factor, "sampling_interval": sampling * factor}
+    facts |= {} if averaging is None else {"averaging": averaging}
+    facts |= {"header": "\n".join(header.lines), "encoding": source.encoding, "delimiter": header.delimiter}
+    facts |= {"decimal": form.signs.decimal, "status_counts": json.dumps(states)}
+    facts["work"] = json.dumps({"bytes_read": source.size, "rows_read": len(values)})
     coords = {"time": variable("time", index * (sampling * factor), "s", "time from the first point")}
-    return xr.Dataset(variables, coords=coords, attrs=facts)
+    return xr.Dataset(variables, coords, facts)
 
 
 def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> tuple[TextFile, Header, tuple[str, ...]]:
@@ -186,18 +165,13 @@ def _with_times(source: TextFile, header: Header, unit_text: str, stated: float 
     from instruments import tables
 
     place = header.times or 0
-    row = next(islice(source.lines(), header.n_lines, None))
-    is_of_day = CLOCK.fullmatch(split_cells(row, header.delimiter)[place]) is not None
-    if is_of_day or len(header.outputs) != 1:
+    row = split_cells(next(islice(source.lines(), header.n_lines, None)), header.delimiter)
+    if CLOCK.fullmatch(row[place]) or len(header.outputs) != 1:
         text = f"the rows carry times of day, or times and {len(header.outputs)} outputs"
         hint = 'Name the columns that are wanted: columns = { time = "Time (s)", displacement = "OUT1 (mm)" }.'
         raise SourceError(source.path, text, line=header.n_lines + 1, hint=hint)
-    columns = {
-        "time": {"column": place + 1, "unit": header.time_unit},
-        "displacement": {"column": header.kept[-1] + 1, "unit": unit_text},
-    }
-    cycle = None if stated is None else Quantity(stated, 0.0, "s")
-    return tables.read(source.path, columns=columns, cycle=cycle, **how)
+    columns = {"time": place + 1, "displacement": {"column": header.kept[-1] + 1, "unit": unit_text}}
+    return tables.read(source.path, columns=columns, cycle=stated, **how)
 
 
 def _rows(source: TextFile, header: Header, allow_incomplete: bool) -> Iterator[str]:
@@ -240,8 +214,7 @@ class _Form(NamedTuple):
 def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tuple[_Form, Floats, NDArray[np.int8]]:
     """Return the form of the rows, and values and states (row, column), those of the counter among them.
 
-    SourceError with line and column of a cell that is neither number nor marker, of a row with another number of
-    cells, of a number that does not have the layout of its column.
+    SourceError with line and column of another cell, row or layout of a number.
     """
     stream, delimiter, first = iter(lines), header.delimiter, int(header.has_counter)
     sample = list(islice(stream, _SAMPLE))
@@ -260,8 +233,8 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
         others = sum(count for _, count in counted[1:])
         is_one = counted and others <= max(1, counted[0][1] // 20) and counted[0][1] > others
         layouts.append(counted[0][0] if is_one else None)
-    padded = [any(cell.lstrip("+-")[:1] == "0" and cell.lstrip("+-")[1:2].isdigit() for cell in c) for c in columns]
-    form = _Form(n_columns, signs, tuple(layouts), all(layouts[first:]) and all(padded[first:]))
+    is_padded = all(any(re.match(r"[+-]*0\d", cell) for cell in column) for column in columns[first:])
+    form = _Form(n_columns, signs, tuple(layouts), all(layouts[first:]) and is_padded)
     stream, number = chain(sample, stream), header.n_lines + 1
     parts = [(np.empty((0, n_columns)), np.empty((0, n_columns), np.int8))]
     while batch := list(islice(stream, _BATCH)):
@@ -269,14 +242,14 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
             batch = [line.replace('"', "") for line in batch]
         # rows of fixed numbers are equally long, apart from the digits of the counter
         lengths = {len(line) - (line.find(delimiter) if header.has_counter else 0) for line in batch}
-        values = None
+        values, states = np.empty((0, n_columns)), np.zeros((len(batch), n_columns), np.int8)
         if (not form.is_fixed or len(lengths) == 1) and not NUMERIC_MARKER.search("\n".join(batch)):
             with contextlib.suppress(SourceError):
                 values = parse_rows(batch, n_columns, delimiter, path=header.path, first_line=number, signs=signs)
-                parts.append((values, np.zeros(values.shape, dtype=np.int8)))
-        if values is None:
+        if not len(values):
             cells = [_read_row(header, form, line, at) for at, line in enumerate(batch, number)]
-            parts.append((np.array([one for one, _ in cells], float), np.array([two for _, two in cells], np.int8)))
+            values, states = np.array([one for one, _ in cells], float), np.array([two for _, two in cells], np.int8)
+        parts.append((values, states))
         number += len(batch)
     return form, np.concatenate([values for values, _ in parts]), np.concatenate([states for _, states in parts])
 
@@ -286,8 +259,7 @@ def _read_row(header: Header, form: _Form, line: str, number: int) -> tuple[list
     check_width(line, cells, form.n_columns, header.delimiter, path=header.path, line_number=number)
     values, states = [], []
     for index, cell in enumerate(cells):
-        is_counter = header.has_counter and index == 0
-        known = form.layouts[index]
+        is_counter, known = header.has_counter and index == 0, form.layouts[index]
         status = None if is_counter else marker_status(cell, known)
         value = np.nan if status is not None else plain_number(cell, form.signs)
         column = column_of(line, header.delimiter, index) if len(header.kept) == header.n_cells else None
@@ -297,41 +269,43 @@ def _read_row(header: Header, form: _Form, line: str, number: int) -> tuple[list
             text = f"found the counter {shorten(cell)}, expected a whole number"
             raise SourceError(header.path, text, line=number, column=column)
         if status is None and form.is_fixed and not is_counter and known is not None and layout(cell) != known:
-            digits = f"{known.whole} digits before and {known.decimals} after the decimal sign"
-            text = f"found {shorten(cell)}, but every number of this column has {digits}"
-            hint = "Characters were lost or added: export the file again."
-            error = SourceError(header.path, text, line=number, column=column, hint=hint)
+            text = f"found {shorten(cell)}, but every number of this column has {known.whole} digits before and "
+            text, hint = f"{text}{known.decimals} after the decimal sign", "Characters were lost or added: export "
+            error = SourceError(header.path, text, line=number, column=column, hint=f"{hint}the file again.")
             raise error.because(marker_reason(cell))
         values.append(value)
         states.append(int(Status.VALID if status is None else status))
     return values, states
 
 
-def _check_rows(header: Header, found: int, counter: NDArray[np.int64] | None, allow_incomplete: bool) -> None:
-    """Refuse a file with fewer or more rows than its header states, or in which the counter jumps."""
-    path, first_line, expected = header.path, header.n_lines + 1, header.count("rows")
+def _numbers(header: Header, values: Floats, allow_incomplete: bool) -> NDArray[np.int64]:
+    """Return the numbers of the points from 0; refuse rows that the header does not state, or a counter that jumps."""
+    path, first_line, expected, found = header.path, header.n_lines + 1, header.count("rows"), len(values)
     if not found:
         raise SourceError(path, "there are no rows of readings", line=first_line)
     if expected not in (None, found):
         message = f"found {found} rows, the header states {expected}"
         if not allow_incomplete:
-            hint = "The recording or the copy stopped early, or rows were added; export it "
-            hint += "again, or read the rows that are there with allow_incomplete=True."
+            hint = (
+                "The recording or the copy stopped early, or rows were added; export it again, or read the rows that "
+            )
+            hint += "are there with allow_incomplete=True."
             raise SourceError(path, message, line=first_line + found - 1, column=1, hint=hint)
         warn_of(path, message)
-    steps = np.empty(0) if counter is None else np.diff(counter)
+    counter = values[:, 0].astype(np.int64) if header.has_counter else np.arange(found)
+    steps = np.diff(counter)
     wrong = np.flatnonzero(steps != 1)
-    if counter is None or (not wrong.size and counter[0] in (0, 1)):
-        return
+    if not wrong.size and counter[0] in (0, 1):
+        return counter - counter[0]
     if allow_incomplete and (steps > 0).all():
-        missing = int(counter[-1] - counter[0]) + 1 - len(counter)
+        missing = int(counter[-1] - counter[0]) + 1 - found
         warn_of(path, f"{missing} rows are missing between, the time follows the counter")
-        return
+        return counter - counter[0]
     back = np.flatnonzero(steps <= 0)
     row = int(back[0] if back.size else wrong[0]) + 1 if wrong.size else 0
     before = int(counter[row - 1]) if row else 0
     said = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
-    hint = "Rows are missing, repeated or moved: export the file again, or sort them by their number. Where rows are "
-    hint += "only missing, allow_incomplete=True reads the rest at its right times."
+    hint = "Rows are missing, repeated or moved: export the file again. Where they are only missing, "
+    hint += "allow_incomplete=True reads the rest at its right times."
     text = f"the counter says {said}, expected {before + 1}"
     raise SourceError(path, text, line=first_line + row, column=1, hint=hint)

@@ -42,21 +42,14 @@ def encode(
     ----------
     outputs : mapping
         Number of the output to its readings in SI, one per stored point, NaN where there is none.
-    cycle : str or float or Quantity
-        Time between samples, ``"50 us"`` or s.
-    start : datetime
-        Written as the date.
+    cycle, start : str or float or Quantity, datetime
+        Time between samples, ``"50 us"`` or s; the date.
     storage_factor, averaging : int
         As set on the controller.
-    unit_text, decimals : str and int
-        Of the display: readings are rounded to it.
+    unit_text, decimals : str, int
+        Of the display: readings are rounded to it. InputError where one does not fit its eight characters.
     measuring_range : float [SI]
         Readings beyond ± this value are over range.
-
-    Raises
-    ------
-    InputError
-        A reading does not fit the eight characters of a display.
 
     Examples
     --------

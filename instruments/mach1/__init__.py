@@ -27,11 +27,4 @@ def _sniff(head: bytes, path: Path) -> bool:
     return text_of(head).lstrip().lstrip('"').startswith("<Mach-1 File>")
 
 
-INSTRUMENT = Instrument(
-    name="mach1",
-    title="Mach-1 Motion file",
-    content="force",
-    sniff=_sniff,
-    reader="instruments.mach1:read",
-    options=Options,
-)
+INSTRUMENT = Instrument("mach1", "Mach-1 Motion file", "force", _sniff, "instruments.mach1:read", Options)

@@ -19,6 +19,7 @@ Everything that departs from it is refused with file, line and column.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -33,9 +34,7 @@ DIVIDER = "<divider>"
 END_DATA = "<END DATA>"
 _STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 _TAG = re.compile(r"<([^<>\t]+)>\s*")
-_COPY_AGAIN = (
-    "The recording stopped, or the file was copied before it was complete: copy it again, or read the readings "
-)
+_COPY_AGAIN = "The recording stopped, or the file was copied before it was complete: copy it again, or read the "
 _COPY_AGAIN += "readings that are there with allow_incomplete=True."
 #: Functions that always record; one of them without rows is a file cut short.
 _RECORDING = frozenset({"Stress Relaxation", "Find Contact", "Sinusoid"})
@@ -46,6 +45,7 @@ _SILENT = frozenset({"Move Relative", "Move Absolute", "Wait", "Zero Load"})
 DECLARED = {
     "Amplitude": "declared_amplitude",
     "Velocity": "declared_velocity",
+    "Stage Velocity": "declared_velocity",
     "Frequency": "declared_frequency",
     "Freqency": "declared_frequency",  # so spelt by the software of about 2017
     "Number of Cycles": "declared_number_of_cycles",
@@ -55,7 +55,6 @@ DECLARED = {
     "Time for Measurement of the Slope": "declared_slope_time",
     "Contact Criteria": "declared_contact_force",
     "Stop criteria": "declared_contact_force",
-    "Stage Velocity": "declared_velocity",
     "Stage Limit": "declared_stage_limit",
     "Offset": "declared_offset",
 }
@@ -97,10 +96,9 @@ class Parameter(NamedTuple):
 class Block:
     """One block of a file, as written.
 
-    ``function`` is its tag without brackets; ``info_lines`` and ``parameter_lines`` are those of the header and of the
-    function, unchanged, ``parameters`` what the latter hold; ``columns`` are empty without a data section;
-    ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before each divider;
-    ``has_data`` if there is a data section, ``is_complete`` if it is ended.
+    ``function`` is its tag without brackets; ``info_lines``, ``parameter_lines`` are unchanged; ``columns`` are empty
+    without a data section; ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before
+    each divider; ``is_complete`` if the data section is ended.
     """
 
     function: str
@@ -171,13 +169,7 @@ def tag_of(line: str | None) -> str | None:
 
 
 def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str, str] | None:
-    r"""Split at the first colon that a tab follows: values hold colons of their own.
-
-    Examples
-    --------
-    >>> pair_of("Load Cell Name:\t25kg SN:1886652")
-    ('Load Cell Name', '25kg SN:1886652')
-    """
+    """Split at the first colon that a tab follows: values hold colons of their own, as ``25kg SN:1886652``."""
     for separator in separators:
         key, found, value = line.partition(separator)
         if found and key.strip():
@@ -300,16 +292,12 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
             continue
         if cursor.line.startswith("<") or not columns:
             raise cursor.error(f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}")
-        starts.append((n_rows, cursor.number))
-        batch = []
-        for line in cursor.rows():
-            batch.append(line)
-            if len(batch) == _BATCH:
-                cursor.advance()
-                break
-        path, (_, first) = cursor.source.path, starts[-1]
-        parts.append(parse_rows(batch, len(columns), "\t", path=path, first_line=first, signs=cursor.signs))
-        n_rows += len(batch)
+        path, first, rows = cursor.source.path, cursor.number, cursor.rows()
+        starts.append((n_rows, first))
+        while batch := list(islice(rows, _BATCH)):
+            at = first + n_rows - starts[-1][0]
+            parts.append(parse_rows(batch, len(columns), "\t", path=path, first_line=at, signs=cursor.signs))
+            n_rows += len(batch)
     is_complete = cursor.line is not None
     if not is_complete:
         cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}")
@@ -330,8 +318,8 @@ def _read_data(cursor: Cursor, block: Block) -> Block:
             text = f"{fault}{f'{interval:.6f} s' if fault.endswith(' ') else ''} ({found})"
             hint = "The file was joined, repaired or edited: copy it from the instrument again."
             raise SourceError(cursor.source.path, text, line=line + row - before, column=1, hint=hint)
-    whole = {"columns": columns, "values": values, "dividers": tuple(dividers)}
-    return replace(block, **whole, has_data=True, is_complete=is_complete)
+    block = replace(block, columns=columns, values=values, dividers=tuple(dividers))
+    return replace(block, has_data=True, is_complete=is_complete)
 
 
 def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
@@ -347,7 +335,8 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
             raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
         met = next((units for name, units in _UNITS.items() if re.fullmatch(name, quantity)), None)
         if not (is_known(unit_text) if met is None else unit_text in met):
-            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met or ('a known one',)))}"
+            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met or ()))}"
+            message = message if is_known(unit_text) else f'unknown unit "{unit_text}"'
             raise cursor.error(message, column=position + len(quantity) + 2, hint=_UNITS_MET)
         unknown += [shorten(cell)] if met is None else []
         if quantity in (column.quantity for column in columns):

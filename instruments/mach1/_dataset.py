@@ -48,29 +48,21 @@ def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_inco
     decimal : str, optional
         ``","`` for a file in which dots were replaced; the instrument writes a dot.
     allow_incomplete : bool
-        Read a file that stops early; its last block is marked, its cut row dropped, and a warning
-        given. By default such a file is refused.
+        Read a file that stops early, its last block marked, its cut row dropped, with a warning; else it is refused.
 
     Returns
     -------
     Dataset
-        Over ``sample``: coordinates ``time`` [s] (within the block), ``block``, ``segment``
-        (dividers so far); variables ``position_z`` [m], ``position_theta`` [rad], ``force_z`` [N],
-        ``torque_x`` [N m], … as present, NaN in blocks without the column. Over ``block_index``:
-        ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
-        ``compression_sign``, and ``declared_…`` numbers. Attributes: ``header`` (its text),
-        ``blocks`` (JSON, everything), ``start``, ``compression_sign`` when all blocks agree.
+        Over ``sample``: coordinates ``time`` [s] (within the block), ``block``, ``segment`` (dividers so far);
+        ``position_z`` [m], ``position_theta`` [rad], ``force_z`` [N], ``torque_x`` [N m], … as present, NaN in blocks
+        without the column. Over ``block_index``: ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
+        ``compression_sign``, ``declared_…``. Attributes: ``header``, ``blocks`` (JSON, everything), ``start``,
+        ``compression_sign`` when all blocks agree.
 
     Raises
     ------
     SourceError
         With file, line and column of the departure from the format.
-
-    Examples
-    --------
-    >>> readings = read("sinusoid.txt")  # doctest: +SKIP
-    >>> readings.force_z.attrs["units"]  # doctest: +SKIP
-    'N'
     """
     check_decimal(decimal)
     source = survey(path, declared=("latin-1",))
@@ -85,10 +77,7 @@ def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_inco
 
 
 def assemble(blocks: Sequence[Block]) -> xr.Dataset:
-    """Join blocks to one Dataset in SI, of the form that :func:`read` returns.
-
-    The blocks are as parsed, or made by :func:`make_block`. InputError where one quantity has units of two kinds.
-    """
+    """Join blocks to one Dataset of the form of :func:`read`; InputError where a quantity has units of two kinds."""
     counts = [len(block.values) for block in blocks]
     starts = np.concatenate([[0], np.cumsum(counts)])
     columns: dict[str, tuple[Floats, Column]] = {}
@@ -127,8 +116,7 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
 
 def variable_name(quantity: str) -> str:
     """Name the variable of a column."""
-    axis = re.fullmatch(r"([FT])([xyz])", quantity)
-    if axis:
+    if axis := re.fullmatch(r"([FT])([xyz])", quantity):
         return f"{'force' if axis[1] == 'F' else 'torque'}_{axis[2]}"
     return re.sub(r"[^a-z0-9]+", "_", quantity.lower()).strip("_") or "unnamed"
 
@@ -178,24 +166,25 @@ def _describe(block: Block) -> dict[str, Any]:
         if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
             low_pass = {"order": int(order), "cutoff": float(cutoff)}
         else:
-            stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
-            text = f"the header declares a low-pass filter {stated}; the readings cannot be corrected for it"
-            warnings.warn(text, UserWarning, stacklevel=2)
+            text = f"the header declares a low-pass filter of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"
+            warnings.warn(f"{text}; the readings cannot be corrected for it", UserWarning, stacklevel=2)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
+    columns = [
+        {"header": c.header, "variable": variable_name(c.quantity), "unit": c.unit_text, "factor": c.unit.factor}
+        for c in block.columns
+    ]
+    parameters = [
+        {"key": key, "text": text, "value": known and (number or 0.0) * known.factor, "units": known and known.si}
+        for key, text, number, known in block.parameters
+    ]
     return {
         "function": block.function,
         "start": start_of(block),
         "info_lines": block.info_lines,
         "parameter_lines": block.parameter_lines,
         "info": info,
-        "parameters": [
-            {"key": key, "text": text, "value": known and (number or 0.0) * known.factor, "units": known and known.si}
-            for key, text, number, known in block.parameters
-        ],
-        "columns": [
-            {"header": c.header, "variable": variable_name(c.quantity), "unit": c.unit_text, "factor": c.unit.factor}
-            for c in block.columns
-        ],
+        "parameters": parameters,
+        "columns": columns,
         "rows": len(block.values),
         "dividers": block.dividers,
         "sampling_interval": float((time[-1] - time[0]) / (len(time) - 1)) if len(time) > 1 else None,

@@ -17,10 +17,9 @@ _DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """A load cell as the header describes it, and the steps in which its columns move.
+    """A load cell as the header describes it, ``Single-axis`` or ``Multiple-axis``, low-passed in third order at 20 Hz.
 
-    ``kind`` is ``Single-axis`` or ``Multiple-axis``; ``steps`` map the header cell of a column to the step of its
-    values, in the unit of that cell. Its low-pass is of third order, at 20 Hz.
+    ``steps`` map the header cell of a column to the step of its values, in the unit of that cell.
     """
 
     name: str
@@ -53,9 +52,9 @@ def make_block(
 ) -> Block:
     """Make a block for :func:`assemble` as the instrument would record it, on the steps of its stage and load cell.
 
-    ``function`` is such as ``"Sinusoid"``, ``start`` the local wall clock; ``columns`` map header cells (``"Time, s"``,
-    ``"Position (z), mm"``, ``"Fz, gf"``) to values in SI, ``parameters`` keys to texts (``{"Frequency, Hz":
-    "0.10000"}``); ``dividers`` are numbers of rows before each divider, ``images_folder`` that of the camera.
+    ``function`` is such as ``"Sinusoid"``, ``start`` the local wall clock; ``columns`` map header cells (``"Fz, gf"``)
+    to values in SI, ``parameters`` keys to texts (``{"Frequency, Hz": "0.10000"}``); ``dividers`` are numbers of rows
+    before each divider, ``images_folder`` that of the camera.
     """
     date = f"{_DAYS[start.weekday()]}, {MONTHS[start.month - 1]} {start.day:02d}, {start.year}"
     info = [

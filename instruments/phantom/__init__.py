@@ -19,6 +19,4 @@ def _sniff(head: bytes, path: Path) -> bool:
     return head[:4] == b"CI\x2c\x00"
 
 
-INSTRUMENT = Instrument(
-    name="phantom", title="Phantom film", content="film", sniff=_sniff, reader="instruments.phantom:read"
-)
+INSTRUMENT = Instrument("phantom", "Phantom film", "film", _sniff, "instruments.phantom:read")

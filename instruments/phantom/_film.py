@@ -50,17 +50,13 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
     Returns
     -------
     CineFrames
-        Lazy frames; see :class:`labpipe.frames.FrameSource`.
+        Lazy frames; see :class:`labpipe.frames.FrameSource`. Frames behind the end of the file, as after a copy that
+        broke off, are warned of (IncompleteFilmWarning).
 
     Raises
     ------
     SourceError
         The file is no .cine, is colour or JPEG, or declares sizes that it does not hold.
-
-    Warns
-    -----
-    IncompleteFilmWarning
-        The file ends before some of its frames, as after a copy that broke off.
     """
     window = Window(Path(path))
     header = read_header(window)
@@ -77,10 +73,7 @@ class CineFrames(MappedFrames[Header]):
 
     @cached_property
     def time_axis(self) -> TimeAxis:
-        """Times, and what is doubtful about them, of which it warns.
-
-        SourceError where the file holds neither time stamps nor a frame rate.
-        """
+        """Times, with warnings of doubtful ones; SourceError where the file holds neither stamps nor a frame rate."""
         try:
             axis = time_axis(self.header)
         except InputError as error:
@@ -173,10 +166,7 @@ class CineFrames(MappedFrames[Header]):
         end = start + annotation + stored
         if end > size:
             return f"it ends {end - size} bytes after the file does"
-        rank = int(np.searchsorted(self._ordered, index))
-        if rank == self._ordered.size or self._ordered[rank] != index:
+        behind = self._ordered[self._ordered > index]
+        if index not in self._ordered:
             return f"its offset {start} is out of the order of the other frames"
-        behind = self._ordered[rank + 1 : rank + 2]
-        if behind.size and end > self.header.offsets[behind[0]]:
-            return f"it runs into frame {behind[0]}"
-        return ""
+        return f"it runs into frame {behind[0]}" if behind.size and end > self.header.offsets[behind[0]] else ""

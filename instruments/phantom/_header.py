@@ -35,10 +35,8 @@ _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 class Header:
     """Everything needed to find and decode the images.
 
-    ``offsets`` is the table of image positions; ``stamps`` holds raw 64-bit times of the frames
-    and ``exposures`` their exposure in units of 2⁻³² s, both None where the file lacks them;
-    ``frame_rate`` [1/s], ``decimation``, ``shutter`` [s] and the levels are settings of the recording, None where
-    this version of the format has no such field.
+    ``offsets`` is the table of image positions; ``stamps`` and ``exposures`` hold raw times of the frames in 2⁻³² s;
+    ``frame_rate`` [1/s], ``decimation``, ``shutter`` [s] and the levels are settings. None is what the file lacks.
     """
 
     first_image: int
@@ -71,11 +69,8 @@ def read_header(window: Window) -> Header:
     SourceError where the file is no .cine, is colour or compressed, or declares more than it holds.
     """
     if window.take(0, 2, "the file type") != b"CI":
-        raise SourceError(
-            window.path,
-            'does not begin with "CI": not a Phantom .cine file',
-            hint="Give the .cine file itself, not a sidecar or an export.",
-        )
+        text, hint = 'does not begin with "CI": not a Phantom .cine file', "Give the .cine file itself, not a sidecar."
+        raise SourceError(window.path, text, hint=hint)
     compression = window.integer("H", 4, "Compression")
     if compression == 1:
         text, hint = "the film is JPEG-compressed (.cci), which alters grey levels", "Save it as an uncompressed .cine."
@@ -87,10 +82,8 @@ def read_header(window: Window) -> Header:
     version = window.integer("H", 6, "Version")
     if version not in {0, 1}:
         _refuse(window, 6, f"Version is {version}; known are 0 and 1")
-    count = window.integer("I", 20, "ImageCount")
-    bitmap = window.integer("I", 24, "OffImageHeader")
-    setup_at = window.integer("I", 28, "OffSetup")
-    table_at = window.integer("I", 32, "OffImageOffsets")
+    names = ("ImageCount", "OffImageHeader", "OffSetup", "OffImageOffsets")
+    count, bitmap, setup_at, table_at = (window.integer("I", 20 + 4 * k, name) for k, name in enumerate(names))
     if count == 0:
         _refuse(window, 20, "ImageCount is 0: the file holds no image")
     width, height, top_down, packing, bits, image_bytes = _image(window, bitmap)
@@ -118,8 +111,7 @@ def read_header(window: Window) -> Header:
     room = (int(offsets.min()) - table_at) // offsets.dtype.itemsize
     if stated is not None and stated != count and stated == room:
         _refuse(window, 20, f"ImageCount is {count}, but there are time stamps and offsets of {stated} images")
-    fractions = window.integer("I", 36, "TriggerTime")
-    seconds = window.integer("I", 40, "TriggerTime")
+    fractions, seconds = (window.integer("I", at, "TriggerTime") for at in (36, 40))
     shutter_ns, shutter_us = whole("I", 1568), whole("I", 772)
     return Header(
         first_image=window.integer("i", 16, "FirstImageNo"),
@@ -148,11 +140,9 @@ def _refuse(window: Window, offset: int, message: str, reason: str = "") -> NoRe
 
 
 def _refuse_colour(window: Window, reason: str) -> NoReturn:
-    raise SourceError(
-        window.path,
-        f"this is a colour film: {reason}; labpipe measures on grey levels linear in light",
-        hint="Export it as monochrome (uninterpolated, grey) from the camera's software.",
-    )
+    text = f"this is a colour film: {reason}; labpipe measures on grey levels linear in light"
+    hint = "Export it as monochrome (uninterpolated, grey) from the camera's software."
+    raise SourceError(window.path, text, hint=hint)
 
 
 def _image(window: Window, bitmap: int) -> tuple[int, int, bool, Packing, int, int]:
@@ -192,9 +182,7 @@ def _tags(
     for _ in range(_MOST_BLOCKS):
         if at + 8 > min(end, window.size):
             break
-        size = window.integer("I", at, "a tagged block")
-        kind = window.integer("H", at + 4, "a tagged block")
-        more = window.integer("H", at + 6, "a tagged block")
+        size, kind, more = struct.unpack("<IHH", window.take(at, 8, "a tagged block"))
         if size < 8 or at + size > window.size:
             break
         if kind == TAG_TIMES:

@@ -1,10 +1,9 @@
 """The time axis of a .cine film, from its time stamps rather than its frame rate.
 
-The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit
-counts of 2⁻³² s; they are subtracted as integers, because seconds since 1970 as floats are only
-good to 0.24 µs. Cameras also write stamps that cannot be true (a corrupt last one, a clock that
-was never set); those are replaced from the median interval and flagged, never used silently. A
-camera that records in bursts pauses between them: stamps that go on after a pause are true.
+The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit counts of 2⁻³² s; they
+are subtracted as integers, as seconds since 1970 in floats are only good to 0.24 µs. Cameras also write stamps that
+cannot be true (a corrupt last one, a clock that was never set), which are replaced from the median interval and
+flagged. A camera that records in bursts pauses between them: stamps that go on after a pause are true.
 """
 
 from bisect import bisect_right

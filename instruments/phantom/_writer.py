@@ -1,8 +1,4 @@
-"""Writing .cine films of 8 or 16 stored bits, for sample data and tests.
-
-The layout is that of the vendor's current version (SETUP of 10,412 bytes, 64-bit offsets, time
-stamps and exposures per frame), so that other readers of the format take these files too.
-"""
+"""Writing .cine films of 8 or 16 stored bits, for sample data and tests, in the layout of the vendor's version 781."""
 
 import os
 import struct
@@ -28,11 +24,7 @@ _LEVELS = {8: (4, 254), 10: (64, 1014), 12: (64, 4064), 14: (256, 16256), 16: (0
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """How a film was recorded.
-
-    ``bits`` are 8, 10, 12, 14 or 16, of which more than 8 are stored in 16; ``exposure`` is in s, ``frame_rate`` in
-    1/s, ``trigger`` the trigger's time in s since 1970 (UTC).
-    """
+    """How a film was recorded: rate [1/s], exposure [s], 8, 10, 12, 14 or 16 bits, trigger [s since 1970, UTC]."""
 
     frame_rate: int
     exposure: float
@@ -56,14 +48,13 @@ def write(
     ``time`` (frame,) [s] that since the trigger. InputError where sizes do not fit the format or each other.
     """
     count, height, width = shape
-    if recording.bits not in _LEVELS:
-        text = f"{recording.bits} bits is no format of these cameras; known are {', '.join(map(str, _LEVELS))}"
-        raise InputError(text)
-    if count < 1 or len(time) != count:
-        text = f"{count} frames with {len(time)} times cannot be stored: at least one frame, one time each"
-        raise InputError(text)
-    if not 0 < recording.exposure < 1:
-        raise InputError(f"an exposure of {recording.exposure} s: the format holds more than 0, below 1 s")
+    for is_wrong, text in (
+        (recording.bits not in _LEVELS, f"{recording.bits} bits is no format of these cameras, of {list(_LEVELS)}"),
+        (count < 1 or len(time) != count, f"{count} frames with {len(time)} times: at least one frame, one time each"),
+        (not 0 < recording.exposure < 1, f"an exposure of {recording.exposure} s: expected more than 0, below 1 s"),
+    ):
+        if is_wrong:
+            raise InputError(text)
     kind = np.dtype(np.uint8 if recording.bits == 8 else "<u2")
     image_bytes = width * height * kind.itemsize
     head = _head(shape, np.asarray(time, float), recording, kind.itemsize)

@@ -33,6 +33,4 @@ def _sniff(head: bytes, path: Path) -> bool:
     return head.lstrip(b"\xef\xbb\xbf").startswith(b"#Camera Information Header") or b"<cih>" in head
 
 
-INSTRUMENT = Instrument(
-    name="photron", title="Photron film", content="film", sniff=_sniff, reader="instruments.photron:read"
-)
+INSTRUMENT = Instrument("photron", "Photron film", "film", _sniff, "instruments.photron:read")

@@ -76,25 +76,19 @@ def read(path: str | os.PathLike[str]) -> "MrawFrames":
     Returns
     -------
     MrawFrames
-        Lazy frames; see :class:`labpipe.frames.FrameSource`. Time 0 is the trigger.
+        Lazy frames; see :class:`labpipe.frames.FrameSource`. Time 0 is the trigger. Frames that a short .mraw does not
+        hold are warned of (IncompleteFilmWarning).
 
     Raises
     ------
     SourceError
         One of the two files is missing, the header lacks a value, or the frames do not fit the header.
-
-    Warns
-    -----
-    IncompleteFilmWarning
-        The .mraw ends before some of its frames.
     """
     path = Path(path)
-    header_path = header_of(path)
-    if header_path is None:
+    if (header_path := header_of(path)) is None:
         raise SourceError(path, "its header is missing", hint=f"Put {path.stem}.cih or .cihx in the same folder.")
     header = _header(header_path)
-    frames = frames_of(header_path)
-    if frames is None:
+    if (frames := frames_of(header_path)) is None:
         hint = f"Put {header_path.stem}.mraw in the same folder."
         raise SourceError(header_path, "its frames are missing", hint=hint)
     window = Window(frames)

@@ -66,10 +66,5 @@ def columns_hint(head: bytes, path: Path) -> str:
 
 
 INSTRUMENT = Instrument(
-    name="plain_table",
-    title="plain table of sweeps or shift factors",
-    content="sweep",
-    sniff=_sniff,
-    reader="instruments.tables:read",
-    options=Options,
+    "plain_table", "plain table of sweeps or shift factors", "sweep", _sniff, "instruments.tables:read", Options
 )

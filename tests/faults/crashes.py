@@ -1,10 +1,7 @@
 """Kill -9 at a chosen operation on files: every moment of a program can be tried, none by chance.
 
-A child of ``fork`` runs the program and kills itself before its n-th operation that changes a
-folder (opening for writing, renaming, deleting, making a folder, flushing); or, from there on,
-each of them fails as it does on a full disk, a read-only one, or a share that went away. What lies
-between two such operations changes no file, but for the writing of netCDF, which
-:func:`killed_after` covers by time.
+A child of ``fork`` runs the program and kills itself before its n-th operation that changes a folder (opening for
+writing, renaming, deleting, making a folder, flushing); or, from there on, each of them fails as on a full disk.
 """
 
 import os
@@ -72,24 +69,12 @@ def _child(folder: Path, last: int, program: Callable[[], object], report: int, 
 
 
 def failing(folder: Path, program: Callable[[], object], first: int, error: int) -> str:
-    """Run a program in a child where operations fail from number ``first`` on.
-
-    Returns
-    -------
-    str
-        What the program returned, or the exception that it ended with.
-    """
+    """Run a program in a child where operations fail from number ``first`` on; return its result, or its exception."""
     return _run(folder, program, first, error) or "killed"
 
 
 def operations(folder: Path, program: Callable[[], object], last: int = -1) -> int | None:
-    """Run a program in a child that dies before its operation number ``last``.
-
-    Returns
-    -------
-    int or None
-        How many operations it did; None when it was killed.
-    """
+    """Run a program in a child that dies before its operation number ``last``; count operations, None if killed."""
     said = _run(folder, program, last, 0)
     return None if said is None else int(said)
 
@@ -112,32 +97,32 @@ def _run(folder: Path, program: Callable[[], object], last: int, error: int) -> 
 
 def at_once(programs: Sequence[Callable[[], str]]) -> list[str]:
     """Run programs in a child each, all begun before the first has ended; return what they say."""
-    pipes = [os.pipe() for _ in programs]
     gate, opener = os.pipe()
-    pids = []
-    for program, (_, writer) in zip(programs, pipes, strict=True):
+    children = []
+    for program in programs:
+        reader, writer = os.pipe()
         pid = _fork()
         if not pid:
-            code = 1
+            said = "broken off"
             try:
                 os.close(opener)
                 os.read(gate, 1)  # until the parent closes the other end
-                os.write(writer, program().encode())
-                code = 0
+                said = program()
             except BaseException as found:
-                os.write(writer, f"{type(found).__name__}: {found}".encode())
+                said = f"{type(found).__name__}: {found}"
             finally:
-                os._exit(code)
-        pids.append(pid)
+                os.write(writer, said.encode())
+                os._exit(0)
+        os.close(writer)
+        children.append((pid, reader))
     os.close(opener)
     os.close(gate)
-    said = []
-    for pid, (reader, writer) in zip(pids, pipes, strict=True):
-        os.close(writer)
+    texts = []
+    for pid, reader in children:
         with os.fdopen(reader) as stream:
-            said.append(stream.read())
-        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, said[-1]
-    return said
+            texts.append(stream.read())
+        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, texts[-1]
+    return texts
 
 
 def killed_after(seconds: float, program: Callable[[], object]) -> bool:

@@ -9,14 +9,12 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import netCDF4
 import numpy as np
 import pytest
 
 import instruments
-from calibration.record import load_record
-from instruments import anton_paar, images, keyence, mach1, phantom
+from instruments import anton_paar, images, mach1, phantom
 from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.session import load
@@ -35,21 +33,14 @@ def png(columns: int, rows: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk + b"\0\0\0\0IEND\xaeB`\x82"
 
 
-def tiff(entries: list[tuple[int, int, int, int]], more: bytes = b"", following: int = 0) -> bytes:
+def tiff(entries: list[tuple[int, ...]], following: int = 0) -> bytes:
     fields = b"".join(struct.pack("<HHII", *entry) for entry in entries)
-    count = struct.pack("<H", len(entries))
-    return b"II*\0" + struct.pack("<I", 8) + count + fields + struct.pack("<I", following) + more
+    return b"II*\0" + struct.pack("<IH", 8, len(entries)) + fields + struct.pack("<I", following)
 
 
-LONG, SHORT = 4, 3
-GREY = [(tag, LONG, 1, value) for tag, value in ((256, 80), (257, 64), (273, 8), (279, 5120))]
-GREY = sorted([*GREY, *((tag, SHORT, 1, value) for tag, value in ((258, 8), (262, 1), (277, 1)))])
-
-
-def grey(**changes: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
-    tags = {"columns": 256, "rows": 257, "starts": 273, "sizes": 279}
-    changed = {tags[name]: entry for name, entry in changes.items()}
-    return [changed.get(entry[0], entry) for entry in GREY]
+GREY = [(tag, 4, 1, value) for tag, value in ((256, 80), (257, 64), (273, 8), (279, 5120))]
+GREY = sorted([*GREY, *((tag, 3, 1, value) for tag, value in ((258, 8), (262, 1), (277, 1)))])
+LARGE = [(tag, 4, 1, 100_000) if tag in (256, 257) else (tag, *rest) for tag, *rest in GREY]
 
 
 def film(folder: Path, offset: int, layout: str, value: int) -> bytes:
@@ -97,44 +88,15 @@ session = lambda path: load(path, SETTINGS)  # noqa: E731
 CASES: dict[str, Case] = {
     "netCDF of 32 GB in 6 kB": ("a.nc", netcdf, files.read_dataset),
     "cine of 2^31 frames": ("a.cine", lambda f: film(f, 20, "I", 2**31), whole_film),
-    "cine of 32768 x 32768 px": ("a.cine", lambda f: film(f, 48, "i", 2**15), whole_film),
     "cine with a frame at every byte": ("a.cine", film_of_shared_frames, whole_film),
     "PNG of 1e10 px": ("1.png", lambda f: png(100_000, 100_000), one_image),
-    "PNG of 2^62 px": ("1.png", lambda f: png(2**31 - 1, 2**31 - 1), one_image),
-    "PNG within the limit but empty": ("1.png", lambda f: png(8192, 8192), one_image),
-    "TIFF of 1e10 px": (
-        "a.tif",
-        lambda f: tiff(grey(columns=(256, 4, 1, 100_000), rows=(257, 4, 1, 100_000))),
-        one_image,
-    ),
-    "TIFF of many lists in one place": (
-        "a.tif",
-        lambda f: tiff([(273, 1, 900_000, 8)] * 400 + GREY, b"\1" * 950_000),
-        one_image,
-    ),
+    "TIFF of 1e10 px": ("a.tif", lambda f: tiff(LARGE), one_image),
     "TIFF of pages in a circle": ("a.tif", lambda f: tiff(GREY, following=8), one_image),
-    "TIFF of an empty list": ("a.tif", lambda f: tiff(grey(rows=(257, 3, 0, 0))), one_image),
     "workbook that unpacks to 200 MB": ("a.xlsx", workbook, anton_paar.read),
     "Mach-1 of one line": ("a.txt", lambda f: b"<Mach-1 File>\r\n" + b"1" * 40_000_000, mach1.read),
-    "Keyence of one line": (
-        "a.csv",
-        lambda f: b"KEYENCE\r\nOUT1\r\n" + b"1," * 20_000_000,
-        lambda path: keyence.read(path, cycle="1 ms"),
-    ),
-    "Anton Paar of one line": ("a.csv", lambda f: b"Interval:\t1\t9\r\n" + b"1\t" * 20_000_000, anton_paar.read),
     "file of nothing but line ends": ("a.txt", lambda f: b"\n" * 20_000_000, instruments.read),
     "session of 100 MB": ("session.toml", lambda f: b"#" * 100_000_000, session),
-    "session 10,000 arrays deep": (
-        "session.toml",
-        lambda f: b"labpipe = 1\na = " + b"[" * 10_000 + b"]" * 10_000,
-        session,
-    ),
     "session of a key 300,000 deep": ("session.toml", lambda f: chain("a", 300_000), session),
-    "record of 15,000 unknown keys": (
-        "laser.toml",
-        lambda f: b"".join(b"abcdef%d = 1\n" % i for i in range(15_000)),
-        load_record,
-    ),
 }
 
 
@@ -181,15 +143,3 @@ def test_what_declares_too_much_is_refused_with_little_memory(tmp_path: Path, na
     assert said.startswith("refused"), said
     assert len(said) > 40
     assert file_name in said or str(tmp_path) in said
-
-
-def test_a_sound_file_is_read_within_the_same_limits(tmp_path: Path) -> None:
-    """The limits leave room for what is not a bomb."""
-    cases: dict[str, tuple[bytes, Callable[[Path], object]]] = {
-        "a.cine": (seeds.film_bytes(tmp_path), whole_film),
-        "a.txt": (seeds.mach1_text(), mach1.read),
-        "a.tif": (cv2.imencode(".tiff", np.zeros((9, 9), np.uint8))[1].tobytes(), one_image),
-    }
-    for name, (data, read) in cases.items():
-        (tmp_path / name).write_bytes(data)
-        assert refusal(tmp_path / name, read).startswith("accepted")
