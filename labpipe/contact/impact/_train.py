@@ -1,10 +1,8 @@
 """Fall, bounce, rest: a drop as contacts and flights in turn.
 
-Every contact up to a lift-off is collocated (:mod:`._bounce`). One that grows again before it lifts
-off, or in which the sphere comes to rest, is stepped from there on (:mod:`._stepper`), as are all of
-"rings"; when nothing swings any more, the contact creeps on quasi-statically. The surface keeps its
-dents: memory is never reset between bounces. In flight the sphere is ballistic while its dent recovers, so
-that it touches again on the residual dent.
+Every contact up to a lift-off is collocated (:mod:`._bounce`). One that grows again before it lifts off, or in which
+the sphere comes to rest, is stepped from there on (:mod:`._stepper`), as are all of "rings"; when nothing swings any
+more, the contact creeps on. The surface keeps its dents: the sphere touches again on the residual dent.
 """
 
 from collections.abc import Callable
@@ -86,7 +84,6 @@ class Train:
     stepper: Stepper | None = None
     _begun: Motion | None = None
     _peaks: list[tuple[float, ...]] = field(default_factory=list)
-    _mislaid: float = 0.0
     _worst: float = 0.0
     _deepest: float = 0.0
 
@@ -168,19 +165,17 @@ class Train:
             self._fly(flight)
             self.counts["flights"] += 1
 
-    # -- contacts --------------------------------------------------------------------------------
-
     def _collocated(self, speed: float, end: float) -> bool:
         """Follow a contact to its lift-off; false if there is none, and nothing has happened then."""
         one, scale = self.setting, self.expected.duration
         steps = _COLLOCATED_SHARE * one.rtol * speed, _LONGEST * scale, _FIRST * scale
         fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *modal(one.plate), *steps)
-        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts, self.times)
+        found = bounce(self.tables, fall, self.now, self.dents, self.counts, self.times)
         if found is None:
             return False
         self._look(found.largest)
-        self._mislaid, self._worst = found.mislaid, max(self._worst, found.worst)
-        self._deepest = max(self._deepest, found.deepest)
+        position, velocity, _, _, *plate, loss, work = found.ends.T
+        self._look_at_energy(position, velocity, work + loss, *plate)
         sunk = found.deepest - (self._begun.position if self._begun else 0.0)
         self._peaks.append((found.peak_force, found.largest, found.peak_approach, sunk))
         if found.course is not None:
@@ -194,13 +189,9 @@ class Train:
         if not records.size:
             return
         one, time = self.setting, records["time"]
-        energy = 0.5 * one.mass * records["velocity"] ** 2 - one.mass * one.gravity * (records["position"] + one.height)
-        energy = energy + records["spring_work"] + records["plate_loss"]
-        if one.plate is not None:
-            energy += one.plate.energy(records["plate_displacement"], records["plate_velocity"])
-        self._mislaid = float(energy[-1])
-        self._worst = max(self._worst, float(np.abs(energy).max()))
-        self._deepest = max(self._deepest, float(np.abs(records["position"]).max()))
+        plate = records["plate_displacement"], records["plate_velocity"]
+        taken = records["spring_work"] + records["plate_loss"]
+        self._look_at_energy(records["position"], records["velocity"], taken, *plate)
         sunk = records["position"] - (self._begun.position if self._begun else 0.0)
         looked_at = records["force"], records["contact_radius"], records["approach"], sunk
         self._peaks.append(tuple(_peak(time, values) for values in looked_at))
@@ -237,8 +228,6 @@ class Train:
         self.stepper.room.memory[:] = self.dents.at(self.stepper.bed.edge)
         return self.stepper
 
-    # -- flights ---------------------------------------------------------------------------------
-
     def _free_surface(self) -> tuple[Floats, Floats]:
         """Energy (element,) [J] that the free springs hold, and displacement (element,) [m] at the pole."""
         if self.stepper is None:
@@ -248,9 +237,8 @@ class Train:
     def _keep_flight(self, start: Motion, stop: float, end: float) -> None:
         """Record a flight without the ends that its neighbours bring."""
         if not self.setting.rows_only:
-            own = np.linspace(start.time, stop, _FLIGHT_SAMPLES)[
-                (1 if self.rows else 0) : (None if stop >= end else -1)
-            ]
+            samples = np.linspace(start.time, stop, _FLIGHT_SAMPLES)
+            own = samples[(1 if self.rows else 0) : (None if stop >= end else -1)]
             at = partial(flown, start, self.setting, *self._free_surface(), self.tables.creep.rate)
             self.stretches.append((stop, lambda times: at(times - start.time), own))
 
@@ -272,7 +260,14 @@ class Train:
         else:
             self.stepper.room.memory[:] *= np.exp(-dt * rate)[:, None]
 
-    # -- limits ----------------------------------------------------------------------------------
+    def _look_at_energy(self, position: Floats, velocity: Floats, taken: Floats, *plate: Floats) -> None:
+        """Keep the largest error of the energy, which is 0 at the release and of which contacts have taken a part."""
+        one = self.setting
+        energy = 0.5 * one.mass * velocity**2 - one.mass * one.gravity * (position + one.height) + taken
+        if one.plate is not None:
+            energy += one.plate.energy(*plate)
+        self._worst = max(self._worst, float(np.abs(energy).max()))
+        self._deepest = max(self._deepest, float(np.abs(position).max()))
 
     def _look(self, radius: float) -> None:
         """Refuse a contact radius [m] that the sphere does not have, and too much work; report the progress."""
@@ -308,9 +303,8 @@ def _peak(time: Floats, values: Floats) -> float:
 def time_of_flight(start: Motion, gravity: float, dent: Floats, rate: Floats, plate: Plate | None) -> float:
     """Time [s] from lift-off, at which both part, to the next touch.
 
-    ``dent``, ``rate`` (element,) [m] [1/s]: displacements of the elements of the central spring at lift-off, and their
-    rates of recovery. On rigid ground the distance is a parabola minus a sum of decaying exponentials, which has one
-    zero; a ringing plate is looked at several times a period, within reach of its swing, which only falls.
+    ``dent``, ``rate`` (element,): displacements [m] of the elements of the central spring, and rates of recovery [1/s].
+    On rigid ground the distance has one zero; a ringing plate is looked at within reach of its swing, which only falls.
     """
     velocity, u = start.velocity, start.plate_displacement
 
@@ -342,8 +336,7 @@ def time_of_flight(start: Motion, gravity: float, dent: Floats, rate: Floats, pl
 def flown(start: Motion, body: Setting, stored: Floats, dent: Floats, rate: Floats, s: Floats) -> Trail:
     """Return records (time,) of a flight at times ``s`` [s] since its ``start``, known in closed form.
 
-    ``stored`` (element,) [J] and ``dent`` (element,) [m]: energy of each element of the memory, and its displacement at
-    the pole, at the start; ``rate`` (element,) [1/s]: how fast the elements recover.
+    ``stored`` (element,) [J]: energy of each element of the memory at the start; ``dent``, ``rate`` as above.
     """
     trail, gravity = np.zeros(s.size, MOTION), body.gravity
     trail["time"], trail["velocity"], trail["acceleration"] = start.time + s, start.velocity + gravity * s, gravity
