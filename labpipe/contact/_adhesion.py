@@ -84,7 +84,7 @@ class Jkr:
         return float(np.cbrt(self.work**5 * self.radius**4 / self.modulus**2) * (apart - together))
 
 
-def adhesive_states(material: Prony, radius: float, work: float, load: float, states: int = 200) -> xr.Dataset:
+def adhesive_states(material: Prony, radius: float, work: float, load: float) -> xr.Dataset:
     """Slow loading and unloading of a sphere after JKR, with the relaxed modulus.
 
     Parameters
@@ -93,15 +93,12 @@ def adhesive_states(material: Prony, radius: float, work: float, load: float, st
         A solid.
     radius, work, load : float [m, J/m2, N]
         Of the sphere, of adhesion, and the largest load; positive.
-    states : int
-        Contact radii from a thousandth of the largest up to it, by equal ratios.
 
     Returns
     -------
     Dataset
         Over ``state``: ``contact_radius``, ``indentation`` [m], ``force`` [N]; scalars ``pull_off`` [N],
-        ``reduced_modulus`` [Pa], ``tabor`` and ``lost_energy`` [J]. States below that of the least force cannot be kept
-        under a load.
+        ``reduced_modulus`` [Pa], ``tabor`` and ``lost_energy`` [J].
 
     Raises
     ------
@@ -122,7 +119,7 @@ def adhesive_states(material: Prony, radius: float, work: float, load: float, st
     largest = contact.contact_radius(load)
     if largest > 0.5 * radius:
         raise InputError(f"under {load:g} N the contact would be wider than {0.5 * radius:.3g} m; reduce the load")
-    radii = np.geomspace(1e-3 * largest, largest, states)
+    radii = np.geomspace(1e-3 * largest, largest, 200)
     force, indentation = contact.state(radii)
     variables = {
         "contact_radius": variable("state", radii, "m", "Contact radius"),

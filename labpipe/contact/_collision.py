@@ -117,17 +117,15 @@ def collision(
     impacts : int, optional
         After which the motion is no longer followed; by default all until the end are.
     rtol : float
-        Relative error of each step within a contact, 1e-13 to 1e-3, some ten times more across the
-        yield depth, where the law has a kink; flights are exact.
+        Relative error of each step within a contact, 1e-13 to 1e-3; flights are exact.
 
     Returns
     -------
     Dataset
-        Over ``time`` (0 at release): ``displacement`` [m] (upwards, 0 at first touch),
-        ``velocity`` [m/s], ``force`` [N]; over ``impact``: ``impact_time``, ``contact_duration``
-        [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N],
-        ``peak_overlap``, ``permanent_overlap`` [m], ``energy_dissipated`` [J].
-        A sphere that comes to rest leaves the last impact without a rebound: NaN.
+        Over ``time`` (0 at release): ``displacement`` [m] (upwards, 0 at first touch), ``velocity`` [m/s], ``force``
+        [N]; over ``impact``: ``impact_time``, ``contact_duration`` [s], ``impact_speed``, ``rebound_speed`` [m/s],
+        ``restitution``, ``peak_force`` [N], ``peak_overlap``, ``permanent_overlap`` [m], ``energy_dissipated`` [J]. A
+        sphere that comes to rest leaves the last impact without a rebound: NaN.
 
     Raises
     ------

@@ -2,14 +2,12 @@ r"""Self-heating of a sphere by the energy its impacts dissipate: bounds in clos
 
 Dissipated energy Q is born where the strain is, in a region of about the contact's radius a [1]_:
 
-- *bulk*, without conduction: Q in a half sphere of radius a, Q/(ρc (2/3)πa³). Under Hertz's
-  pressure the strain energy's density is nowhere above this mean (0.255 E*a²/R²) for a Poisson's
-  ratio from 0.25 up: it bounds the rise of one impact wherever loss follows strain energy.
-- *train*: each half sphere cools by conduction, at its centre as erf(s) − (2s/√π) e^{−s²},
-  s = a/(2√(κt)), and the remains add up; without cooling they add up to the upper bound.
+- *bulk*, without conduction: Q in a half sphere of radius a, Q/(ρc (2/3)πa³), which under Hertz's pressure bounds the
+  rise wherever loss follows strain energy, for a Poisson's ratio from 0.25 up.
+- *train*: each half sphere cools by conduction, at its centre as erf(s) − (2s/√π) e^{−s²}, s = a/(2√(κt)), and the
+  remains add up; without cooling they add up to the upper bound.
 
 Validity: order of magnitude. Friction adds heat that is not in Q; air and the flat take some away.
-If even the bound without cooling changes the modulus by less than a noticeable part, heating does not.
 
 References
 ----------

@@ -5,13 +5,9 @@ compliance ``J(t) = J(0) + sum C_k (1 - exp(-t/tau_k))``: a spring in series wit
 
 .. math:: w = J(0)\,q + \sum_k w_k, \qquad \tau_k \dot w_k + w_k = C_k\,q .
 
-With the load ``q`` linear inside a step, the update of every ``w_k`` is exact for any step length.
-Elements much faster than the step answer as plain compliance, elements much slower as dashpots, so
-the step is stable at any length, and its cost does not grow with the history. A liquid has one
-more element, a bare dashpot that flows by ``fluidity * q``; it is the last row of the memory.
-
-A memory is an array (element, spring); several steps of one history may have any lengths, zero
-included (:mod:`labpipe.contact._stepping`).
+With the load ``q`` linear inside a step, the update of every ``w_k`` is exact for any step length, and its cost does
+not grow with the history. A liquid has one more element, a bare dashpot that flows by ``fluidity * q``; it is the last
+row of the memory, an array (element, spring).
 """
 
 from dataclasses import dataclass
@@ -122,11 +118,9 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Float
             f"time has the shape {times.shape} and {name} {values.shape}; expected two rows of the "
             "same length with at least one sample"
         )
-    if (bad := np.flatnonzero(~np.isfinite(times))).size:
-        raise InputError(f"time[{bad[0]}] is {times[bad[0]]}; every sample needs a finite time")
-    if (bad := np.flatnonzero(~np.isfinite(values))).size:
-        n = bad[0]
-        raise InputError(f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating")
+    for label, array in (("time", times), (name, values)):
+        if (bad := np.flatnonzero(~np.isfinite(array))).size:
+            raise InputError(f"{label}[{bad[0]}] is {array[bad[0]]}; fill or cut the gap before simulating")
     if (back := np.flatnonzero(np.diff(times) < 0.0)).size:
         n = back[0] + 1
         raise InputError(
@@ -146,7 +140,7 @@ def checked_load(time: ArrayLike, load: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def checked_times(times: ArrayLike, duration: float) -> Floats:
-    """Refuse instants that do not rise within the duration; return them as an array (time,)."""
+    """Return instants that rise within the duration as an array (time,)."""
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
     if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):

@@ -42,10 +42,9 @@ _NESTED_TOLERANCE, _EDGE_TOLERANCE = 1e-9, 1e-13
 class SpringBed(NamedTuple):
     """Springs in the order in which they come into contact, for E* = 1.
 
-    ``gap`` (spring,) [m]: approach at which the spring is first touched (elastic contact), ascending; ``stiffness``
-    (spring,): its part of the stiffness, ΔS: dimensionless for a line, m for a sphere; ``edge`` (spring,) [m]: contact
-    half width (radius) at which it is first touched; ``open_springs``: the contact must leave so many springs open, 0
-    where full contact is allowed; ``full_width`` [m]: contact half width with every spring in contact.
+    ``gap`` and ``edge`` (spring,) [m]: approach, and contact half width (radius), at which the spring is first touched
+    (elastic contact); ``stiffness`` (spring,): its part, dimensionless for a line, m for a sphere; ``open_springs``: so
+    many the contact must leave open; ``full_width`` [m]: contact half width with every spring in contact.
     """
 
     gap: Floats

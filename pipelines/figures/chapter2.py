@@ -83,8 +83,8 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
     found = np.array([simulated_front(rubber, f) for f in spots])
     analytic = contact.tapping_amplitude(rubber, spots, *geometry)
     simulated = [_cycle(rubber, _AMPLITUDE, f)[1] for f in spots]
-    x = dissipation.dimensionless_frequency(frequency, CHARACTERISTIC_TIME)
-    x_spots = dissipation.dimensionless_frequency(spots, CHARACTERISTIC_TIME)
+    x = frequency * CHARACTERISTIC_TIME
+    x_spots = spots * CHARACTERISTIC_TIME
 
     def scaled(joules: Any) -> Floats:
         return dissipation.dimensionless_work(joules, rubber, TIP_RADIUS, PERIOD, DEPTH)

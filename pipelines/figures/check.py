@@ -28,7 +28,7 @@ from calibration.camera import pixel_size
 from labpipe import contact, materials
 from labpipe.arrays import Floats
 from labpipe.contact import contact_stiffness
-from labpipe.contact.line import dimensionless_frequency, dimensionless_length, westergaard
+from labpipe.contact.line import westergaard
 from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, FORCES, PERIOD, TIP_RADIUS, least_force
@@ -157,10 +157,10 @@ def _shifts(solid: materials.Prony) -> Row:
 
 def _indenter() -> Iterator[Row]:
     for depth, printed in zip(_INDENTATIONS, (0.05, 0.10, 0.15), strict=True):
-        found = float(dimensionless_length(depth, TIP_RADIUS))
+        found = depth / TIP_RADIUS
         yield Row("2.4", f"Delta/R at {depth * 1e3:g} mm", printed, found, "1", 1e-9)
     for frequency, figure, printed in ((0.5, "2.5", 0.78e-10), (2.0, "2.7", 3.12e-10)):
-        found = float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME))
+        found = frequency * CHARACTERISTIC_TIME
         yield Row(figure, f"f tau_0 at {frequency:g} Hz", printed, found, "1", 5e-13)
     why = "the frequency f tau_0 is printed as an amplitude"
     yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3, why)

@@ -1,4 +1,4 @@
-"""Extreme cases of contact mechanics, each checked against an independent method.
+"""Extreme cases of the periodic line, each checked against an independent method.
 
 Every family is a function of a random generator. It makes one case far outside the ordinary, asks
 for the answer, and returns how far that is from an independent one in units of what is allowed. A
@@ -7,86 +7,15 @@ defect and is let through.
 """
 
 from collections.abc import Mapping
-from math import pi
 from typing import Any
 
 import numpy as np
 
 from labpipe import contact
-from labpipe.arrays import Floats
-from labpipe.contact._memory import Creep
 from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from tests.extremes.inputs import Random, below_zero, extreme_material, extreme_times
 from tests.extremes.outcome import Case, Outcome, worst
-from tests.labpipe.contact.test_memory import displacement_under
-from tests.labpipe.contact.ting_solution import ting
-
-_QUADRATURE = np.polynomial.legendre.leggauss(12)
-
-
-# -- springs and steppers --------------------------------------------------------------------------
-
-
-def memory_of_a_spring(random: Random) -> Outcome:
-    """Compare, for loads linear in time, the recursion with the hereditary integral."""
-    creep = Creep.of(extreme_material(random))
-    time = extreme_times(random, int(random.integers(2, 25)))
-    load = random.uniform(0.0, 1.0, time.size)
-    found = displacement_under(creep, time, load)[-1]
-    exact = _hereditary(creep, time, load)
-    return Outcome(abs(found / exact - 1.0) / 1e-12, "relative error of a displacement 1e-12")
-
-
-def _hereditary(creep: Creep, time: Floats, load: Floats) -> float:
-    """Displacement at the last time by integrating ``J(t - s) dq(s)`` over the linear segments."""
-    end = float(time[-1])
-    jumps = np.diff(load)
-    total = creep.instantaneous * float(load[-1])
-    lag = (end - time)[:, None] / creep.tau
-    # The first load is a jump at the first time.
-    total += float(load[0] * (creep.C @ -np.expm1(-lag[0])))
-    for n, jump in enumerate(jumps):
-        span = float(time[n + 1] - time[n])
-        if span == 0.0:
-            total += float(jump * (creep.C @ -np.expm1(-lag[n])))
-            continue
-        total += float(jump * (creep.C @ _mean_creep(lag[n + 1], span / creep.tau)))
-    return total
-
-
-def _mean_creep(lag: Floats, span: Floats) -> Floats:
-    """Mean of ``1 - exp(-s)`` over a span that ends at a lag (all in units of tau)."""
-    nodes, weights = _QUADRATURE
-    points = lag[:, None] + 0.5 * span[:, None] * (1.0 + nodes)
-    smooth = 0.5 * (-np.expm1(-points) @ weights)
-    direct = 1.0 + np.exp(-lag) * np.expm1(-span) / span
-    return np.where(span < 1.0, smooth, direct)
-
-
-def rise_and_fall(random: Random) -> Outcome:
-    """One triangle or half sine of approach against Ting's integral."""
-    material = extreme_material(random, 8)
-    radius = 10 ** random.uniform(-4, 0)
-    depth = radius * 10 ** random.uniform(-7, -2)
-    span = 10 ** random.uniform(-6, 4)
-    time = np.linspace(0.0, span, 41)
-    if random.random() < 0.5:
-        peak = random.uniform(0.15, 0.85) * span
-        approach = np.interp(time, [0.0, peak, span], [0.0, depth, 0.0])
-    else:
-        approach = depth * np.sin(pi * time / span)
-        approach[-1] = 0.0
-    exact = ting(material, radius, time, approach).force
-    found = contact.press_sphere(material, radius, time, approach).force.values
-    error = float(np.abs(found - exact).max() / exact.max())
-    return worst(
-        (error / 1e-3, "error of a sphere's force 1e-3 of the peak"),
-        (-float(found.min()) / exact.max(), "a force below zero"),
-    )
-
-
-# -- the periodic line -----------------------------------------------------------------------------
 
 
 def elastic_line(random: Random) -> Outcome:
@@ -143,9 +72,4 @@ def line_history(random: Random) -> Outcome:
 
 
 #: Families and how many of their cases the tests try.
-FAMILIES: Mapping[str, tuple[Case, int]] = {
-    "memory of a spring": (memory_of_a_spring, 400),
-    "rise and fall of a sphere": (rise_and_fall, 4),
-    "elastic line": (elastic_line, 135),
-    "history of a line": (line_history, 6),
-}
+FAMILIES: Mapping[str, tuple[Case, int]] = {"elastic line": (elastic_line, 135), "history of a line": (line_history, 6)}

@@ -121,8 +121,6 @@ def film_without_pattern(random: Random) -> Outcome:
     return Outcome(np.inf if np.any(told & ~(u > 1.0)) else 0.0, f"{kind}: a displacement")
 
 
-# -- contacts --------------------------------------------------------------------------------------
-
 _SCENE = Scene(rows=112, columns=128, radius=110e-6, centre=(63.3, 55.2), pixel=4e-6)
 
 

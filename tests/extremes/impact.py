@@ -1,4 +1,4 @@
-"""Extreme impacts: drops, two solvers compared, Hertz, appendix A."""
+"""Extreme impacts: drops, and two solvers compared."""
 
 import warnings
 from collections.abc import Mapping
@@ -10,7 +10,6 @@ import numpy as np
 from labpipe import contact
 from labpipe.contact.impact import Solver
 from labpipe.contact.sphere import hertz
-from labpipe.materials import Prony
 from tests.extremes.inputs import Random, below_zero, extreme_material
 from tests.extremes.outcome import Case, Outcome, worst
 
@@ -50,38 +49,6 @@ def any_drop(random: Random) -> Outcome:
     )
 
 
-def elastic_impact(random: Random) -> Outcome:
-    """Hertz's closed form, where the weight does not matter."""
-    modulus, nu = 10 ** random.uniform(3, 12), float(random.uniform(0.0, 0.4999))
-    mass, radius = 10 ** random.uniform(-6, 3), 10 ** random.uniform(-3, 1)
-    speed = 10 ** random.uniform(-3, 0.6)
-    gravity = 1e-9
-    height = speed**2 / (2.0 * gravity)
-    reduced = modulus / (1.0 - nu**2)
-    exact = hertz.impact(speed, radius, mass, reduced)
-    if float(exact.peak_contact_radius) > 0.5 * radius:
-        return Outcome(0.0, "", "the contact would be as wide as the sphere")
-    fall = sqrt(2.0 * height / gravity)
-    # The time since the release would lose the contact's digits: it starts close above the flat.
-    found = contact.drop(
-        Prony(modulus, [], [], nu=nu),
-        f"{radius!r} m",  # as a text, which asks nobody whether millimetres were meant
-        mass,
-        height,
-        fall + 3.0 * float(exact.contact_duration),
-        gravity=gravity,
-        max_steps=_MOST_STEPS,
-    )
-    force = abs(float(found.peak_force[0]) / float(exact.peak_force) - 1.0)
-    depth = abs(float(found.peak_approach[0]) / float(exact.peak_approach) - 1.0)
-    back = abs(float(found.restitution[0]) - 1.0)
-    return worst(
-        (force / 2e-4, "relative error of Hertz's force 2e-4"),
-        (depth / 1e-4, "relative error of Hertz's approach 1e-4"),
-        (back / 1e-4, "restitution of an elastic sphere off by 1e-4"),
-    )
-
-
 def two_solvers(random: Random) -> Outcome:
     """Compare the first impact by springs and by rings, which share neither grid nor kernel.
 
@@ -112,40 +79,5 @@ def two_solvers(random: Random) -> Outcome:
     )
 
 
-def any_collision(random: Random) -> Outcome:
-    """Appendix A's law: without damping its restitution is the cube root of 1/f."""
-    multiplier = float(random.choice([1.0, random.uniform(1.0, 20.0)]))
-    damping = float(random.choice([0.0, 10 ** random.uniform(0, 5)]))
-    found = contact.collision(
-        10 ** random.uniform(-4, 0),
-        10 ** random.uniform(-6, 3),
-        10 ** random.uniform(-9, 0),
-        youngs_modulus=10 ** random.uniform(3, 12),
-        nu=float(random.uniform(0.0, 0.5)),
-        damping=damping,
-        unloading_multiplier=multiplier,
-        yield_depth=float(random.choice([np.inf, 10 ** random.uniform(-7, -4)])),
-        duration=10 ** random.uniform(-4, -1),
-    )
-    e = found.restitution.values
-    known = e[np.isfinite(e)]
-    lost = found.energy_dissipated.values
-    energy = 0.5 * found.impact_speed.values**2
-    return worst(
-        (below_zero(found.force.values), "a force below zero"),
-        (float(np.max(known - 1.0, initial=0.0)) / 1e-7, "a rebound faster by 1e-7"),
-        (0.0 if np.all(np.isfinite(found.displacement.values)) else np.inf, "no height"),
-        (
-            float(np.isnan(lost).any() and np.isfinite(energy).all() and known.size == e.size),
-            "a loss that is not finite",
-        ),
-    )
-
-
 #: Families and how many of their cases the tests try.
-FAMILIES: Mapping[str, tuple[Case, int]] = {
-    "any drop": (any_drop, 40),
-    "elastic impact": (elastic_impact, 40),
-    "springs and rings": (two_solvers, 15),
-    "collision": (any_collision, 15),
-}
+FAMILIES: Mapping[str, tuple[Case, int]] = {"any drop": (any_drop, 40), "springs and rings": (two_solvers, 15)}

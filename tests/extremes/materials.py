@@ -4,7 +4,7 @@ Moduli are computed here term by term in plain sums, and compliances are their i
 the conversion between the two families is held against arithmetic that it does not use.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -85,43 +85,6 @@ def creep_and_relaxation(random: Random) -> Outcome:
     )
 
 
-_BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
-
-
-def material_that_is_none(random: Random) -> Outcome:
-    """Terms that break thermodynamics, or are no numbers, and times that are none."""
-    fault = str(random.choice(["E", "rho", "relaxed", "nu", "lengths", "creep", "time", "omega", "shift"]))
-    weight, time = 10 ** random.uniform(3, 9, 4), 10 ** random.uniform(-6, 3, 4)
-    bad, place = float(random.choice(_BAD)), int(random.integers(0, 4))
-    relaxed, nu = 1e6, 0.3
-    if fault == "E":
-        weight[place] = bad
-    elif fault == "rho":
-        time[place] = bad
-    elif fault == "relaxed":
-        relaxed = bad
-    elif fault == "nu":
-        nu = float(random.choice([np.nan, np.inf, -1.0, 0.51, 3.0]))
-    elif fault == "lengths":
-        time = time[:place]
-    if (fault, bad) in (("E", 0.0), ("relaxed", 0.0)):
-        return Outcome(0.0, "")  # a term of no weight; a liquid
-    material = Prony(relaxed, weight, time, nu=nu)
-    answers: dict[str, Callable[[], Any]] = {
-        "creep": lambda: Prony.from_creep(1e6, [2e-6], [1.0]),
-        "time": lambda: material.creep([1.0, bad]) + material.relaxation([1.0, bad]),
-        "omega": lambda: material.complex_modulus([1.0, bad]),
-        "shift": lambda: material.shifted(bad),
-    }
-    found = answers[fault]()
-    if fault in ("time", "omega") and (bad >= 0.0 or np.isnan(found[1])):
-        return Outcome(0.0, "")  # at zero and at infinity there is an answer; NaN stays NaN
-    return Outcome(np.inf, f"took {fault} = {bad}")
-
-
-# -- moduli over frequency -------------------------------------------------------------------------
-
-
 def _broad(random: Random) -> tuple[float, Floats, Floats]:
     """Draw a material with a term in every half decade, as polymers have."""
     time = 10.0 ** np.arange(-8.0, 6.0, 0.5)
@@ -129,22 +92,6 @@ def _broad(random: Random) -> tuple[float, Floats, Floats]:
     centre, width = random.uniform(-5.0, 3.0), random.uniform(1.0, 3.0)
     weight = np.exp(-0.5 * ((np.log10(time) - centre) / width) ** 2) + 1e-3
     return relaxed, relaxed * 10 ** random.uniform(0.3, 3) * weight / weight.sum(), time
-
-
-def kramers_kronig(random: Random) -> Outcome:
-    """Moduli of a material pass; a storage that contradicts its loss by a factor does not."""
-    relaxed, weight, time = _broad(random)
-    frequency = np.logspace(-3.0, 3.0, int(random.integers(20, 50)))
-    exact = _modulus(relaxed, weight, time, 2 * np.pi * frequency)
-    factor = 1.0 + 0.003 * random.standard_normal((2, frequency.size))
-    wrong = bool(random.random() < 0.4)
-    # The slope of the storage modulus with frequency is the loss; a loss of other size is none.
-    loss = exact.imag * (float(random.choice([0.2, 5.0])) if wrong else 1.0)
-    order = random.permutation(frequency.size)
-    with silently():
-        found = materials.kramers_kronig(frequency[order], (exact.real * factor[0])[order], (loss * factor[1])[order])
-    is_told = found.verdict != "pass" if wrong else found.verdict != "fail"
-    return Outcome(0.0 if is_told else np.inf, f"{'wrong' if wrong else 'right'}: {found.verdict}")
 
 
 def _sweeps(random: Random) -> tuple[Any, Floats]:
@@ -192,7 +139,5 @@ def shift_factors(random: Random) -> Outcome:
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "modulus and compliance": (modulus_and_compliance, 300),
     "creep and relaxation": (creep_and_relaxation, 300),
-    "invalid material": (material_that_is_none, 500),
-    "Kramers and Kronig": (kramers_kronig, 40),
     "shift factors": (shift_factors, 6),
 }

@@ -13,16 +13,9 @@ from labpipe.errors import InputError, LabpipeError
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How far an answer is from an independent one, in units of what is allowed.
+    """How far an answer is from an independent one, in units of what is allowed: right up to 1.
 
-    Parameters
-    ----------
-    share : float
-        Right up to 1; infinite for what must never happen.
-    what : str
-        The bound that came nearest to being broken, with its size.
-    refusal : str, optional
-        Why the case was not computed.
+    ``what`` is the bound that came nearest to being broken, ``refusal`` why the case was not computed.
     """
 
     share: float
@@ -35,11 +28,7 @@ Case = Callable[[np.random.Generator], Outcome]
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Many cases of one family.
-
-    ``refused`` counts by reason; ``wrong`` holds the seeds of cases that broke a bound, so that
-    each can be run again.
-    """
+    """Many cases of one family: ``refused`` counts by reason, ``wrong`` are the seeds of cases that broke a bound."""
 
     right: int
     refused: Counter[str]

@@ -5,7 +5,7 @@ strided in memory, read-only, with bursts of missing samples; a fault in them mu
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -34,9 +34,6 @@ def uneven_times(random: Random, count: int, spread: float = 1.0) -> Floats:
         steps[:] = step
     begin = step * float(random.choice([0.0, -count, 1e4]))
     return np.asarray(begin + np.cumsum(steps))
-
-
-# -- velocity --------------------------------------------------------------------------------------
 
 
 def velocity_of_a_polynomial(random: Random) -> Outcome:
@@ -74,58 +71,6 @@ def velocity_of_a_polynomial(random: Random) -> Outcome:
 def _velocity(record: xr.DataArray, **options: Any) -> xr.DataArray:
     with silently():
         return signals.velocity(record, **options)
-
-
-# -- records with a fault --------------------------------------------------------------------------
-
-_FAULTS = ("repeated", "backward", "no time", "endless time", "infinite", "nothing", "one", "unit")
-
-
-def _faulty(random: Random) -> tuple[xr.DataArray, str]:
-    count = int(random.integers(20, 60))
-    time, place = np.sort(random.random(count)), int(random.integers(1, count))
-    values = np.sin(9.0 * time)
-    fault = str(random.choice(_FAULTS))
-    if fault == "repeated":
-        time[place] = time[place - 1]
-    elif fault == "backward":
-        time[[place - 1, place]] = time[[place, place - 1]]
-    elif fault == "no time":
-        time[place] = np.nan
-    elif fault == "endless time":
-        time[-1] = np.inf
-    elif fault == "infinite":
-        values[place] = random.choice([np.inf, -np.inf])
-    elif fault == "nothing":
-        values[:] = np.nan
-    elif fault == "one":
-        values[1:] = np.nan
-    return record_of(time, values, "mm" if fault == "unit" else "m"), fault
-
-
-def record_that_is_none(random: Random) -> Outcome:
-    """Expect everything that takes a record to refuse one with a fault."""
-    record, fault = _faulty(random)
-    time, values = record["time"].values, record.values
-    whole = record_of(np.linspace(0.0, 1.0, 50), np.sin(9.0 * np.linspace(0.0, 1.0, 50)))
-    calls: dict[str, Callable[[], object]] = {
-        "velocity": lambda: _velocity(record),
-        "difference": lambda: _velocity(record, method="difference"),
-        "bounces": lambda: signals.bounces(record),
-        "fit_sinusoid": lambda: signals.fit_sinusoid(time, values, 1.4),
-        "damped oscillation": lambda: signals.fit_sinusoid(time, values, is_damped=True),
-        "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
-    }
-    name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped oscillation"):
-        return Outcome(0.0, "")  # any quantity will do
-    if fault in ("nothing", "one") and name == "repeats":
-        return Outcome(0.0, "")  # what was not read stays NaN
-    calls[name]()
-    return Outcome(np.inf, f"{name} took a record with the fault: {fault}")
-
-
-# -- oscillations ----------------------------------------------------------------------------------
 
 
 def _wave_times(random: Random, cycles: float) -> tuple[Floats, float]:
@@ -167,35 +112,8 @@ def sinusoid(random: Random) -> Outcome:
     )
 
 
-def decay(random: Random) -> Outcome:
-    """Frequency and damping of a decaying vibration of any size about any rest."""
-    cycles = random.uniform(5.0, 25.0)
-    time, frequency = _wave_times(random, cycles)
-    ratio = 10 ** random.uniform(-3.5, -0.9)
-    amplitude = 10 ** random.uniform(-9, 3)
-    share = float(random.choice([0.0, 10 ** random.uniform(-5, -2)]))
-    s = time - time[0]
-    rate = 2 * np.pi * frequency * ratio / math.sqrt(1.0 - ratio**2)
-    values = amplitude * np.exp(-rate * s) * np.sin(2 * np.pi * frequency * s + 1.0)
-    values += amplitude * float(random.choice([0.0, 5.0, -1e3]))
-    values += share * amplitude * random.standard_normal(time.size)
-    found = signals.fit_sinusoid(laid_out(random, time), with_gaps(random, values), is_damped=True)
-    return worst(
-        (
-            abs(found.frequency / frequency - 1.0) / (8.0 * found.u_frequency / frequency + 1e-6),
-            "a frequency by 8 uncertainties",
-        ),
-        (abs(found.damping_ratio - ratio) / (8.0 * found.u_damping_ratio + 1e-6), "a damping by 8 uncertainties"),
-    )
-
-
-# -- several records -------------------------------------------------------------------------------
-
-
 #: Families and how many of their cases the tests try.
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "velocity of a polynomial": (velocity_of_a_polynomial, 40),
-    "invalid record": (record_that_is_none, 450),
     "sinusoid": (sinusoid, 150),
-    "decay": (decay, 60),
 }

@@ -81,30 +81,23 @@ class Dents:
 
 
 class Bounce(NamedTuple):
-    """One contact that ended in a lift-off: largest radius [m] and more, energy error [J] at its end and on the way."""
+    """One contact that ended in a lift-off: largest values, states (end, 8) as in a Room, and records in between."""
 
     largest: float
     peak_force: float
     peak_approach: float
     deepest: float
-    mislaid: float
-    worst: float
+    ends: Floats
     course: Trail | None
 
 
 def bounce(
-    tables: Tables,
-    fall: Fall,
-    now: Motion,
-    dents: Dents,
-    mislaid: float,
-    counts: dict[str, int],
-    times: Floats | None = None,
+    tables: Tables, fall: Fall, now: Motion, dents: Dents, counts: dict[str, int], times: Floats | None
 ) -> Bounce | None:
     """Follow one contact from touch; None unless it shrinks once and ends in a lift-off.
 
-    The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far. The
-    course is at those of the ``times`` (time,) [s] that lie in it, or at instants of its own, and at its end.
+    The dents are those at lift-off then, and ``now`` is that instant. The course is at those of the ``times`` (time,)
+    [s] that lie in it, or at instants of its own, and at its end.
     """
     room, centre, outer = tables.room, dents.centre, 0.0
     room.center[: centre.size], room.dent[: centre.size] = centre, 0.0
@@ -134,15 +127,9 @@ def bounce(
     if dents.has_energy:
         stored = room.stored[: n + 1] + np.exp(-2.0 * time[: n + 1, None] * tables.creep.rate) @ outside
         stored[0], stored[n] = before.sum(), dents.stored().sum()
-        # It grows between its exact values at touch, peak and lift-off; a spring that comes or goes between two
-        # nodes leaves an error of about 1e-5 in the others.
+        # A spring that comes or goes between two nodes leaves an error of about 1e-5 between touch and lift-off.
         lost = done - (stored - stored[0])
-        peak_loss = max(float(lost[peak]), 0.0)
-        whole = max(float(lost[-1]), peak_loss)
-        dissipated = np.clip(np.maximum.accumulate(lost), 0.0, whole)
-        dissipated[: peak + 1] = np.minimum(dissipated[: peak + 1], peak_loss)
-        dissipated[peak:] = np.maximum(dissipated[peak:], peak_loss)
-        dissipated[-1] = whole
+        dissipated = np.maximum.accumulate(np.clip(lost, 0.0, max(float(lost[-1]), 0.0)))
         part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
         at = touched + (time[:n, None] + np.diff(time[: n + 1])[:, None] * part).ravel()
         if times is not None:
@@ -154,13 +141,11 @@ def bounce(
         course["time"] = at
         for name in ("position", "approach", "surface"):
             course[name] += origin
-    moved = state[: n + 1]
-    energy = 0.5 * fall.mass * moved[:, 1] ** 2 - fall.mass * fall.gravity * moved[:, 0] + moved[:, 6] + moved[:, 7]
-    energy += 0.5 * (fall.plate_mass * moved[:, 5] ** 2 + fall.plate_stiffness * moved[:, 4] ** 2)
-    error = mislaid + energy - energy[0]
-    peaks, end = np.zeros(3), state[n].tolist()
+    peaks, ends = np.zeros(3), state[: n + 1].copy()
     peaks_of(room, n, peaks)
-    now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
+    ends[:, 0] += origin
+    end = ends[-1].tolist()
+    now.time, now.position, now.velocity = touched + lasted, end[0], end[1]
     now.acceleration, now.force, now.contact_radius = fall.gravity, 0.0, 0.0
     now.plate_displacement, now.plate_velocity, now.plate_loss = end[4], end[5], end[6]
     now.spring_work, now.stored = end[7], float(before.sum()) + done[n] - dissipated[n]
@@ -168,8 +153,7 @@ def bounce(
     if fall.plate_mass:
         now.plate_acceleration = -(fall.plate_damping * end[5] + fall.plate_stiffness * end[4]) / fall.plate_mass
     force, approach, deepest = peaks.tolist()
-    worst = max(abs(mislaid), float(np.abs(error).max()))
-    return Bounce(largest, force, approach + origin, deepest + origin, float(error[-1]), worst, course)
+    return Bounce(largest, force, approach + origin, deepest + origin, ends, course)
 
 
 def _course(room: Room, fall: Fall, n: int, peak: int, times: Floats) -> Trail:

@@ -41,13 +41,8 @@ _SCALARS = {
 def dataset(
     train: Train, setting: Setting, times: Floats | None, rigid_restitution: float | None, seconds: float
 ) -> xr.Dataset:
-    """Assemble the Dataset that :func:`labpipe.contact.drop` returns.
-
-    ``train``: the drop, run; ``setting``: as asked for; ``times`` (time,): where to report, from the release;
-    ``rigid_restitution``: of the first impact on a rigid substrate, when there is a plate; ``seconds``: so far.
-    """
-    assert train.course is not None  # noqa: S101 - it was asked for
-    values = train.course.records()
+    """Assemble the Dataset that :func:`labpipe.contact.drop` returns; ``times`` (time,) count from the release."""
+    values = train.records()
     # Energies over time; the numerical one closes the sum. What the difference of two sums loses in the last digit
     # of the dissipated energy, which only grows, is put right.
     kinetic = 0.5 * setting.mass * values["velocity"] ** 2
@@ -159,13 +154,8 @@ def _assemble(
         table["peak_pressure"] = 1.5 * table["peak_force"] / (pi * table["peak_contact_radius"] ** 2)
     given = {"sphere_radius": setting.radius, "mass": setting.mass}
     given |= {"drop_height": setting.height, "gravity": setting.gravity, **scalars}
-    groups: tuple[tuple[dict[str, tuple[str, str]], tuple[str, ...], Mapping[str, Floats | float]], ...] = (
-        (_SERIES, ("time",), series),
-        (ROWS, ("impact",), table),
-        (_SCALARS, (), given),
-    )
-    variables = {
-        name: variable(dims, value, *names[name]) for names, dims, values in groups for name, value in values.items()
-    }
+    variables = {name: variable("time", values, *_SERIES[name]) for name, values in series.items()}
+    variables |= {name: variable("impact", values, *ROWS[name]) for name, values in table.items()}
+    variables |= {name: variable((), value, *_SCALARS[name]) for name, value in given.items()}
     attrs = {"solver": setting.solver, "profile": setting.profile, "rtol": setting.rtol, "work": json.dumps(work)}
     return xr.Dataset(variables, coords={"time": variable("time", time, "s", "time since the release")}, attrs=attrs)

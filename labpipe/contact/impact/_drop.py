@@ -69,11 +69,10 @@ def drop(
     duration : float [s]
         From the release, which is time 0.
     solver : "mdr", "rings" or "thesis"
-        Independent springs on a graded line; rings of constant pressure (boundary elements), a
-        separate way to the same answer; or the thesis's own scheme, as a reference only.
+        Independent springs; rings of constant pressure (boundary elements), a separate way to the same answer; or the
+        thesis's own scheme, as a reference only.
     profile : "parabola" or "sphere"
-        Gap ``r^2/2R`` or the exact sphere; they differ by 0.1 % in force at a contact of a tenth of
-        the radius.
+        Gap ``r^2/2R`` or the exact sphere; they differ by 0.1 % in force at a contact of a tenth of the radius.
     rtol : float
         Relative error to aim at for restitution, peak force and touch times, 1e-8 to 1e-2.
     gravity : float [m/s2]
@@ -90,8 +89,8 @@ def drop(
         Of "thesis"; default 2e-4.
     full : bool
         Leave nothing out; the answer is the same within `rtol`. Otherwise terms far below the contact's time scale are
-        folded into one and those far above ``duration`` frozen, where this costs less than a hundredth of ``rtol``;
-        contacts up to a lift-off are collocated; and the creep of a sphere at rest is followed in few steps.
+        folded into one and those far above ``duration`` frozen; contacts up to a lift-off are collocated; and the creep
+        of a sphere at rest is followed in few steps.
     max_steps : int
         Refuse rather than take more steps.
     progress : callable, optional
@@ -102,24 +101,20 @@ def drop(
     Returns
     -------
     Dataset
-        Over ``time`` [s]: ``displacement`` [m], upwards positive, ``height`` at the release, 0 at
-        first touch, negative when pressed in; ``velocity`` [m/s], upwards positive; ``approach``
-        [m], of the bodies, inwards positive; ``reduced_gap`` [m], ``z_O - R + w`` on the axis, with
-        ``w`` the displacement of the surface there: 0 in contact, positive in flight, in which the
-        dent that is left counts; ``force`` [N]; ``contact_radius`` [m]; the ledger
-        ``kinetic_energy``, ``potential_energy``, ``stored_energy``, ``dissipated_energy`` and
-        ``numerical_energy`` [J], whose sum is constant; with a plate ``plate_displacement``
-        (downwards positive) and ``plate_energy``.
-        Over ``impact``, one row per completed bounce: ``impact_time``, ``lift_off_time``,
-        ``contact_duration`` [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``,
-        ``peak_force`` [N], ``peak_pressure`` [Pa], Hertz's 3F/(2πa²) of the largest force and radius,
-        ``peak_contact_radius``, ``peak_approach`` of sphere and substrate,
-        ``penetration`` of the sphere below its level at touch [m], ``energy_dissipated``,
-        ``energy_stored`` (still held by the dent at lift-off) [J].
-        Scalars: ``final_contact_time``, the touch after which it never lifts off again, and
-        ``rest_time``, after which it only creeps; NaN if ``duration`` ends before. With a plate
-        ``rigid_restitution``, that of the first impact on a rigid substrate.
-        ``attrs["work"]`` is JSON: steps, kernel products, flights, terms and springs used, seconds.
+        Over ``time`` [s]: ``displacement`` [m], upwards positive, ``height`` at the release, 0 at first touch, negative
+        when pressed in; ``velocity`` [m/s], upwards positive; ``approach`` [m], of the bodies, inwards positive;
+        ``reduced_gap`` [m], ``z_O - R + w`` on the axis, with ``w`` the displacement of the surface: 0 in contact,
+        positive in flight, in which the dent that is left counts; ``force`` [N]; ``contact_radius`` [m]; the ledger
+        ``kinetic_energy``, ``potential_energy``, ``stored_energy``, ``dissipated_energy`` and ``numerical_energy`` [J],
+        whose sum is constant; with a plate ``plate_displacement`` (downwards positive) and ``plate_energy``.
+        Over ``impact``, one row per completed bounce: ``impact_time``, ``lift_off_time``, ``contact_duration`` [s],
+        ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N], ``peak_pressure`` [Pa], Hertz's
+        3F/(2πa²) of the largest force and radius, ``peak_contact_radius``, ``peak_approach`` of sphere and substrate,
+        ``penetration`` of the sphere below its level at touch [m], ``energy_dissipated``, ``energy_stored`` (still held
+        by the dent at lift-off) [J].
+        Scalars: ``final_contact_time``, the touch after which it never lifts off again, and ``rest_time``, after which
+        it only creeps; NaN if ``duration`` ends before. With a plate ``rigid_restitution``, that of the first impact on
+        a rigid substrate. ``attrs["work"]`` is JSON: steps, kernel products, flights, terms and springs used, seconds.
 
     Raises
     ------
@@ -142,12 +137,10 @@ def drop(
 
     Notes
     -----
-    Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" every contact up to a
-    lift-off is collocated: Ting's solution (doi:10.1115/1.3625192) on the dents of the bounces
-    before it. The contact in which the sphere comes to rest, or that grows again before it lifts
-    off, is stepped spring by spring, as are all contacts of "rings" and of a full run.
-    The dissipated energy never decreases; ``numerical_energy`` is the numerical energy error, a measure
-    of the error of the run.
+    Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" every contact up to a lift-off is collocated:
+    Ting's solution (doi:10.1115/1.3625192) on the dents of the bounces before it. The contact in which the sphere comes
+    to rest, or that grows again before it lifts off, is stepped spring by spring, as are all contacts of "rings" and of
+    a full run. ``numerical_energy`` is a measure of the error of the run.
     """
     started = perf_counter()
     if diameter is not None:
@@ -157,7 +150,7 @@ def drop(
     if missing := [name for name, value in given.items() if value is None]:
         raise InputError(f"drop needs {', '.join(missing)} as well")
     r, m, h, t = (exact(value, name) for name, value in given.items() if value is not None)
-    warn_of_millimetres(radius or r, mass or m, height or h)
+    warn_of_millimetres(radius or r)
     setting = Setting(r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate, ring_width, full, max_steps)
     wanted = None if times is None else checked_times(times, t)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
@@ -199,9 +192,8 @@ def impacts(
 ) -> xr.Dataset:
     """Simulate the first impacts of many drops.
 
-    The same answers as :func:`drop` within ``rtol``, at a fraction of its time: nothing is made but
-    the rows of the impacts, and the tables of a material are made once for all its drops. An argument
-    given as a sequence has an entry for each drop; the others are shared.
+    The same answers as :func:`drop` within ``rtol``, at a fraction of its time. An argument given as a sequence has an
+    entry for each drop; the others are shared.
 
     Parameters
     ----------
@@ -213,22 +205,14 @@ def impacts(
     Returns
     -------
     Dataset
-        Over (``drop``, ``impact``), NaN for impacts that do not happen within the duration:
-        ``impact_time``, ``lift_off_time``, ``contact_duration`` [s], ``impact_speed``,
-        ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N], ``peak_contact_radius``,
-        ``peak_approach``, ``penetration`` [m]. Over ``drop``: ``impacts``, how many happened;
-        ``final_contact_time`` [s] as of :func:`drop`, NaN unless it came among these; ``solver_steps``.
-        ``attrs["work"]`` is JSON: steps, rejected ones, and impacts.
+        Over (``drop``, ``impact``), NaN for impacts that do not happen within the duration: the rows of :func:`drop`
+        but pressure and energies. Over ``drop``: ``impacts``, how many happened; ``final_contact_time`` [s] as of
+        :func:`drop`, NaN unless it came among these; ``solver_steps``. ``attrs["work"]`` is JSON.
 
     Raises
     ------
     InputError
         A value is out of range, sequences differ in length, or as :func:`drop`.
-
-    Warns
-    -----
-    UserWarning
-        As :func:`drop`.
 
     Examples
     --------
@@ -253,7 +237,7 @@ def impacts(
     alike = dict[Any, list[tuple[int, Solid, Setting]]]()
     for i, (*numbers, plate_of_one, of_one, compliance) in enumerate(drops):
         r, m, h, t, g = (exact(value, name) for value, name in zip(numbers, given, strict=False))
-        warn_of_millimetres(*numbers[:3])
+        warn_of_millimetres(numbers[0])
         one = Setting(r, m, h, t, "mdr", profile, rtol, g, plate_of_one, rows_only=True)
         key = of_one if isinstance(of_one, str) else id(of_one), compliance
         alike.setdefault(key, []).append((i, of_one, one))

@@ -1,8 +1,7 @@
 """Records that the compiled parts of a drop share with Python: motion, body, material, and room to compute in.
 
-Compiled code changes the numbers of a record in place (a numpy structured scalar). What is handed on is one record
-with these fields: a single address, where nine arrays are some sixty arguments of each call, and take longer to
-compile.
+Compiled code changes the numbers of a record in place (a numpy structured scalar), which is a single address, where
+nine arrays are some sixty arguments of each call.
 """
 
 from dataclasses import dataclass

@@ -6,12 +6,10 @@ compliance ``(1 - nu^2)/E``,
 .. math:: U(r, c) = \frac{4}{\pi}\begin{cases} c\,E(r/c) & r \le c\\
           r\,[E(c/r) - (1 - c^2/r^2)\,K(c/r)] & r > c\end{cases}
 
-with the complete elliptic integrals K (first kind) and E (second kind) of the *modulus*; scipy
-takes the parameter, the modulus squared. A ring is the difference of two discs, collocated at its
-middle radius. With the influence matrix factored from the centre outwards, ``G = L U`` without
-pivoting, each ``y_j`` of ``y = U p`` is a spring: ``J* conv y_j = approach (L^-1 1)_j - (L^-1 g)_j``. It
-lets go when ``y_j`` would become negative, which is when the pressure at the edge would. The gap of a ring is
-the mean over its width: then the force of an elastic contact is good to 1e-6 at 20 rings, 4e-8 at 60.
+with the complete elliptic integrals K and E of the *modulus*; scipy takes its square. A ring is the difference of two
+discs, collocated at its middle radius. With the influence matrix factored from the centre outwards, ``G = L U`` without
+pivoting, each ``y_j`` of ``y = U p`` is a spring: ``J* conv y_j = approach (L^-1 1)_j - (L^-1 g)_j``. The gap of a ring
+is the mean over its width: the force of an elastic contact is good to 1e-6 at 20 rings, 4e-8 at 60.
 """
 
 from functools import lru_cache
@@ -41,10 +39,7 @@ def ring_bed(reach: float, radius: float, width: float, profile: Profile = "para
     if profile == "sphere":
         count = min(count, int(radius / width))
     if not 2 < count <= _MOST_RINGS:
-        raise InputError(
-            f"rings of {width:.3g} m on a contact of {reach:.3g} m: {count} rings, expected 3 to "
-            f"{_MOST_RINGS}; choose another ring width"
-        )
+        raise InputError(f"{count} rings of {width:.3g} m, expected 3 to {_MOST_RINGS}; choose another ring width")
     middle = np.linspace(0.5, count - 0.5, count) * width
     factors = _factors(count)
     heights = surface_gap(middle, radius, profile) + width**2 / (24.0 * radius)

@@ -91,11 +91,7 @@ def modal(plate: Plate | None) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The arguments of a drop; see :func:`labpipe.contact.drop`.
-
-    ``full`` leaves nothing out: all terms, every contact stepped, no rest. With ``rows_only`` a run ends where the
-    sphere swings too little to lift off again, and its rest is not followed.
-    """
+    """The arguments of a drop; with ``rows_only`` it ends where the sphere swings too little to lift off again."""
 
     radius: float
     mass: float
@@ -126,7 +122,7 @@ class Setting:
         if self.ring_width is not None:
             require_positive("m", ring_width=self.ring_width)
         if self.plate is not None and self.solver == "thesis":
-            raise InputError("the thesis's scheme has a rigid substrate; drop the plate or use another solver")
+            raise InputError("the thesis's scheme has a rigid substrate; leave the plate out or use another solver")
 
     @property
     def speed(self) -> float:
@@ -141,11 +137,9 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """Estimated sizes of an impact and of the rest of this sphere.
+    """Estimated duration [s] and largest radius [m] of the first contact; at rest, that under the weight at first.
 
-    ``duration`` [s]: of the first contact; ``radius`` [m]: largest contact radius; ``rest_radius`` [m]: contact radius
-    under the weight, at first; ``rest_period``, ``rest_speed`` [s, m/s]: of small oscillations on the static sag, and
-    the speed of an amplitude of one sag.
+    ``rest_period``, ``rest_speed`` [s, m/s]: of small oscillations on the static sag, of an amplitude of one sag.
     """
 
     duration: float
@@ -191,11 +185,9 @@ def exact(given: Measure, name: str) -> float:
     return found
 
 
-def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
+def warn_of_millimetres(radius: Measure) -> None:
     """Warn of a sphere of metres, given as a bare number, and show the notation with units."""
     if isinstance(radius, int | float) and 1.0 < radius <= 50.0:  # a larger one is a wish for a flat
-        texts = [f'radius="{radius:g} mm"']
-        texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
-        texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
-        message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
+        remedy = f'if millimetres were meant, write radius="{radius:g} mm", and mass and height with their units'
+        message = f"radius={radius:g} is a sphere of {radius:g} m; {remedy}"
         warnings.warn(message, UserWarning, stacklevel=3)

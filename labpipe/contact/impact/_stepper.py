@@ -1,18 +1,15 @@
 """A sphere in contact, stepped spring by spring: where it regrows, comes to rest, or rests on rings."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from math import ceil, inf, sqrt
-from typing import Any
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.contact import _stepping as kernel
-from labpipe.contact._march import room_for
 from labpipe.contact._memory import Creep
 from labpipe.contact._springs import OUTGROWN, SpringBed, sphere_bed
-from labpipe.contact._stepping import Body, Room, Rules, Springs
+from labpipe.contact._stepping import Body, Rules, Springs, room_for
 from labpipe.contact.impact._records import MOTION, Motion, Trail, blank
 from labpipe.contact.impact._rings import ring_bed
 from labpipe.contact.impact._setting import Scales, Setting, modal
@@ -40,7 +37,6 @@ _PACE = np.dtype(
 )
 
 
-@dataclass(slots=True)
 class Stepper:
     """The springs of one sphere, and how they move on with ``now`` and ``counts``, which are changed in place.
 
@@ -48,33 +44,28 @@ class Stepper:
     of steps. The springs are at rest until their ``room.memory`` (element, spring) [m] is filled in.
     """
 
-    one: Setting
-    creep_law: Creep
-    expected: Scales
-    now: Motion
-    counts: dict[str, int]
-    look: Callable[[float], None]
-    reach: float
-    bed: SpringBed = field(init=False)
-    room: Room = field(init=False)
-    _trail: list[Trail] = field(default_factory=list)
-    _batch: Trail = field(default_factory=lambda: np.recarray(_BATCH, MOTION))
-    _work: Any = field(default_factory=lambda: np.zeros(3, np.int64))
-    _spacing: float = field(init=False)
-    _rules: Rules = field(init=False)
-    _record: Any = field(init=False)
-    _pace: Any = field(init=False)
-
-    def __post_init__(self) -> None:
-        one, expected, finer = self.one, self.expected, sqrt(1e-4 / self.one.rtol)
+    def __init__(
+        self,
+        one: Setting,
+        creep_law: Creep,
+        expected: Scales,
+        now: Motion,
+        counts: dict[str, int],
+        look: Callable[[float], None],
+        reach: float,
+    ) -> None:
+        self.one, self.creep_law, self.expected, self.now = one, creep_law, expected, now
+        self.counts, self.look, self.reach = counts, look, reach
+        self._trail, self._batch, self._work = list[Trail](), np.recarray(_BATCH, MOTION), np.zeros(3, np.int64)
+        finer = sqrt(1e-4 / one.rtol)
         if one.solver == "rings":
             per_radius = min(_RINGS_PER_RADIUS * finer, _MOST_RINGS_PER_RADIUS)
             self._spacing = one.ring_width or expected.radius / per_radius
         else:
             smallest = min(expected.rest_radius, expected.radius)
-            self._spacing = max(smallest / (_SPRINGS_PER_RADIUS * finer), self.reach / _MOST_SPRINGS)
+            self._spacing = max(smallest / (_SPRINGS_PER_RADIUS * finer), reach / _MOST_SPRINGS)
         self.bed = self._bed()
-        self.room = room_for(self.bed.size, self.creep_law.rate.size)
+        self.room = room_for(self.bed.size, creep_law.rate.size)
 
     def _bed(self) -> SpringBed:
         """Springs of the solver out to the reach, or to the radius of an exact sphere."""
@@ -93,9 +84,7 @@ class Stepper:
         room.memory[np.abs(room.memory) < 1e-200] = 0.0
         room.load[:] = 0.0
         tolerance = _STAYS if one.rows_only else min(max(one.rtol, _REST_RANGE[0]), _REST_RANGE[1])
-        period = expected.rest_period
-        if one.plate is not None:
-            period = max(period, 1.0 / one.plate.frequency)
+        period = max(expected.rest_period, 1.0 / one.plate.frequency if one.plate else 0.0)
         self._rules = Rules(
             allowed=(_STEP_SHARE * one.rtol) ** 1.5 * max(speed, expected.rest_speed),
             longest=_LONGEST_STEP * expected.duration,

@@ -17,23 +17,8 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._radau import (
-    MEANS,
-    NODES,
-    TO_POWERS,
-    UNSOLVED,
-    accept,
-    attempt,
-    crossing,
-    dot,
-    fade,
-    gap,
-    maximum_between,
-    power_sum,
-    slope,
-    summit,
-    value_at,
-)
+from labpipe.contact.impact import _radau as radau
+from labpipe.contact.impact._radau import NODES, TO_POWERS, crossing, power_sum, slope
 from labpipe.contact.impact._records import N_NODES, STAGES, Fall, Law, Phase, Room
 
 # How a contact ends.
@@ -71,7 +56,7 @@ def _begin(law: Law, room: Room) -> None:
     for k in range(law.elements):
         room.last[k] = 0.0
         for m in range(N_NODES):
-            room.primitive[k, m] = dot(MEANS[m], room.dent[k])
+            room.primitive[k, m] = radau.dot(radau.MEANS[m], room.dent[k])
         room.rim[k] = room.dent[k, 0]
     room.time[0] = 0.0
     for j in range(law.maxwells):
@@ -82,7 +67,7 @@ def _begin(law: Law, room: Room) -> None:
 def _shorter(room: Room, phase: Phase, error: float) -> float:
     """Part of a step with too large an error to try next."""
     shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (STAGES + 1.0)))
-    if phase.recedes and error < UNSOLVED and room.bulk[STAGES - 1] < 0.0:
+    if phase.recedes and error < radau.UNSOLVED and room.bulk[STAGES - 1] < 0.0:
         # What lies behind the lift-off says nothing on the step before it.
         _edge_powers(room, phase)
         lifted = crossing(room.short[:], -phase.bulk, 1.0)
@@ -105,7 +90,7 @@ def _event(room: Room, n: int, h: float, phase: Phase, central: float) -> tuple[
     rise = slope(room.short[:], 1.0) / steady
     if rise > _AT_SUMMIT:
         return 1.0, False
-    return summit(room.short[:]), abs(rise) <= _AT_SUMMIT
+    return radau.summit(room.short[:]), abs(rise) <= _AT_SUMMIT
 
 
 @inner()
@@ -124,13 +109,13 @@ def sample_touch(law: Law, room: Room, peak: int, outer: float) -> None:
             u = crossing(room.edge_powers[step], square - room.state[step, 3] ** 2, 1.0)
         time = room.time[step] + u * h
         room.touch[n] = time
-        fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
+        radau.fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
         inside = 0.0 if outer <= 0.0 else 1.0 - square / outer**2
         s = math.sqrt(inside) if inside > 0.0 else 0.0
         for k in range(law.elements):
             room.before[k, n] = 0.0
             if outer > 0.0:
-                room.before[k, n] = value_at(room.dent[k], s)
+                room.before[k, n] = radau.value_at(room.dent[k], s)
         for j in range(law.maxwells):
             total = -room.node_fading[j]
             if outer > 0.0:
@@ -171,9 +156,9 @@ def sample_release(law: Law, fall: Fall, room: Room, peak: int, last: int) -> No
             u = crossing(room.edge_powers[step], place - reached, 1.0)
         time = room.time[step] + u * h
         room.release[n] = time
-        fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
+        radau.fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
         x = largest * math.sqrt(max(1.0 - place**2, 0.0))
-        depth = room.approach[step] + power_sum(room.powers[step], u) - gap(fall, x)
+        depth = room.approach[step] + power_sum(room.powers[step], u) - radau.gap(fall, x)
         for j in range(law.maxwells):
             room.node_fading[j] += room.node_base[j, n] * math.exp(-law.rate[j] * (time - room.touch[n]))
         _kelvin(law, depth, room.node_fading, 0.0, room.element)
@@ -193,7 +178,7 @@ def store(law: Law, fall: Fall, room: Room, last: int, largest: float) -> None:
                     room.element[k] = room.before[k, n] * math.exp(-law.creep_rate[k] * time)
             elif time < room.release[n]:
                 x = largest * math.sqrt(max(1.0 - NODES[n] ** 2, 0.0))
-                depth = room.approach[i] - gap(fall, x)
+                depth = room.approach[i] - radau.gap(fall, x)
                 load = law.E_relaxed * depth
                 for j in range(law.maxwells):
                     left = math.exp(-law.rate[j] * (time - room.touch[n]))
@@ -208,7 +193,7 @@ def store(law: Law, fall: Fall, room: Room, last: int, largest: float) -> None:
             for k in range(law.kelvins):
                 whole = room.element[k] + room.center[k] * math.exp(-law.creep_rate[k] * time)
                 energy += 0.5 * whole**2 / law.C[k]
-            total += MEANS[0, n] * largest * energy
+            total += radau.MEANS[0, n] * largest * energy
         room.stored[i] = total
 
 
@@ -258,7 +243,7 @@ def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) ->
         if is_tiny:
             return FAILED, n, peak, rejected
         tries += 1
-        error = attempt(law, fall, room, n, h, phase)
+        error = radau.attempt(law, fall, room, n, h, phase)
         if not error <= 1.0:
             rejected += 1
             h *= _shorter(room, phase, error)
@@ -272,7 +257,7 @@ def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) ->
             continue
         tries = 0
         if not was_summit:
-            accept(law, fall, room, n, h, phase)
+            radau.accept(law, fall, room, n, h, phase)
             n += 1
         if phase.recedes and ends:
             break
@@ -312,7 +297,7 @@ def _largest(room: Room, n: int, column: int, less: int, short: Floats) -> float
             low, high = look / _LOOKS, (look + 1) / _LOOKS
             best = max(best, start + power_sum(short, high))
             if slope(short, low) > 0.0 and slope(short, high) < 0.0:
-                best = max(best, start + power_sum(short, maximum_between(short, low, high)))
+                best = max(best, start + power_sum(short, radau.maximum_between(short, low, high)))
     return best
 
 

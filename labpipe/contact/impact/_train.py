@@ -1,9 +1,8 @@
 """Fall, bounce, rest: a drop as contacts and flights in turn.
 
-Every contact up to a lift-off is collocated (:mod:`._bounce`). One that grows again before it lifts
-off, or in which the sphere comes to rest, is stepped from there on (:mod:`._stepper`), as are all of
-"rings"; when nothing swings any more, the contact creeps on quasi-statically. The surface keeps its
-dents: memory is never reset between bounces.
+Every contact up to a lift-off is collocated (:mod:`._bounce`). One that grows again before it lifts off, or in which
+the sphere comes to rest, is stepped from there on (:mod:`._stepper`), as are all of "rings"; when nothing swings any
+more, the contact creeps on. The surface keeps its dents: the sphere touches again on the residual dent.
 """
 
 from collections.abc import Callable
@@ -11,16 +10,19 @@ from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf, nan, sqrt
+from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured, unstructured_to_structured
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce import Dents, bounce
-from labpipe.contact.impact._records import Fall, Motion, Tables, Trail
-from labpipe.contact.impact._setting import Scales, Setting, modal
+from labpipe.contact.impact._records import MOTION, Fall, Motion, Tables, Trail
+from labpipe.contact.impact._setting import Plate, Scales, Setting, modal
 from labpipe.contact.impact._stepper import Stepper
-from labpipe.contact.impact._trajectory import FLIGHT_SAMPLES, Course, flown, stepped, time_of_flight
-from labpipe.errors import InputError
+from labpipe.errors import InputError, LabpipeError
 
 #: Springs are laid out and taken into a contact this far beyond the radius expected.
 MARGIN = 1.1
@@ -32,6 +34,9 @@ _SLOWEST_BOUNCE = 0.03
 _FIRST, _LONGEST, _COLLOCATED_SHARE = 1e-6, 0.34, 0.05
 # Steps that one contact takes, and work that a step may take on average, in updates of one element of one spring.
 _STEPS_PER_CONTACT, _UPDATES_PER_STEP = 20, 20_000
+
+# Samples of a flight when no times are asked for, its ends included; looks within a period of a ringing plate.
+_FLIGHT_SAMPLES, _LOOKS_PER_PERIOD = 26, 32
 
 #: Units and names of the quantities of an impact, and those of them that a row holds.
 ROWS = {
@@ -60,7 +65,7 @@ class Train:
 
     It ends after ``most`` impacts, if any; ``observe`` is called with the time since first touch now and then;
     ``times`` (time,) [s] from there are asked for. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times
-    from the release, and ``course`` the records.
+    from the release.
     """
 
     setting: Setting
@@ -71,15 +76,14 @@ class Train:
     times: Floats | None = None
     now: Motion = field(default_factory=Motion)
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTS, 0))
-    course: Course | None = None
     rows: list[tuple[float, ...]] = field(default_factory=list)
+    stretches: list[tuple[float, Callable[[Floats], Trail], Floats]] = field(default_factory=list)
     final_touch: float = nan
     rest_start: float = nan
     dents: Dents = field(init=False)
     stepper: Stepper | None = None
     _begun: Motion | None = None
     _peaks: list[tuple[float, ...]] = field(default_factory=list)
-    _mislaid: float = 0.0
     _worst: float = 0.0
     _deepest: float = 0.0
 
@@ -102,7 +106,6 @@ class Train:
                 "loss"
             )
         self.dents = Dents(creep, has_energy=not setting.rows_only)
-        self.course = None if setting.rows_only else Course(self.times)
         end, touch = setting.duration - setting.fall_time, 0.0
         if setting.solver == "rings" or setting.full:
             # Rings touch first at the middle of the innermost, a little after the pole would.
@@ -120,6 +123,14 @@ class Train:
     def error(self) -> float:
         """Largest numerical energy error of the motion over the energy of the drop."""
         return self._worst / (self.setting.mass * self.setting.gravity * max(self.setting.height, self._deepest))
+
+    def records(self) -> Trail:
+        """All records (time,), at instants of the stretches' own or at the times that are asked for."""
+        if self.times is None:
+            return np.concatenate([at(own) for _, at, own in self.stretches])
+        ends = [end for end, _, _ in self.stretches[:-1]]
+        which = np.searchsorted(ends, self.times, side="right")
+        return np.concatenate([self.stretches[n][1](self.times[which == n]) for n in np.unique(which)])
 
     def _bounce(self, end: float) -> None:
         """Alternate contacts and flights."""
@@ -140,7 +151,7 @@ class Train:
                 self._keep_contact(stepper.take_trail())
                 if outcome == "rest":
                     self.final_touch, self.rest_start = touched, now.time
-                    if self.course is not None:
+                    if not self.setting.rows_only:
                         stepper.creep(end)
                         self._keep_contact(stepper.take_trail(), is_resting=True)
                     return
@@ -154,25 +165,23 @@ class Train:
             self._fly(flight)
             self.counts["flights"] += 1
 
-    # -- contacts --------------------------------------------------------------------------------
-
     def _collocated(self, speed: float, end: float) -> bool:
         """Follow a contact to its lift-off; false if there is none, and nothing has happened then."""
         one, scale = self.setting, self.expected.duration
         steps = _COLLOCATED_SHARE * one.rtol * speed, _LONGEST * scale, _FIRST * scale
         fall = Fall(one.mass, one.gravity, one.radius, one.profile == "sphere", *modal(one.plate), *steps)
-        found = bounce(self.tables, fall, self.now, self.dents, self._mislaid, self.counts, self.times)
+        found = bounce(self.tables, fall, self.now, self.dents, self.counts, self.times)
         if found is None:
             return False
         self._look(found.largest)
-        self._mislaid, self._worst = found.mislaid, max(self._worst, found.worst)
-        self._deepest = max(self._deepest, found.deepest)
+        position, velocity, _, _, *plate, loss, work = found.ends.T
+        self._look_at_energy(position, velocity, work + loss, *plate)
         sunk = found.deepest - (self._begun.position if self._begun else 0.0)
         self._peaks.append((found.peak_force, found.largest, found.peak_approach, sunk))
-        if self.course is not None and found.course is not None:
+        if found.course is not None:
             time = found.course["time"]
             own = np.append(time[time < min(time[-1], end)], min(time[-1], end))
-            self.course.add(partial(stepped, found.course, one, False), own, float(time[-1]))
+            self.stretches.append((float(time[-1]), partial(stepped, found.course, one, False), own))
         return True
 
     def _keep_contact(self, records: Trail, *, is_resting: bool = False) -> None:
@@ -180,20 +189,16 @@ class Train:
         if not records.size:
             return
         one, time = self.setting, records["time"]
-        energy = 0.5 * one.mass * records["velocity"] ** 2 - one.mass * one.gravity * (records["position"] + one.height)
-        energy = energy + records["spring_work"] + records["plate_loss"]
-        if one.plate is not None:
-            energy += one.plate.energy(records["plate_displacement"], records["plate_velocity"])
-        self._mislaid = float(energy[-1])
-        self._worst = max(self._worst, float(np.abs(energy).max()))
-        self._deepest = max(self._deepest, float(np.abs(records["position"]).max()))
+        plate = records["plate_displacement"], records["plate_velocity"]
+        taken = records["spring_work"] + records["plate_loss"]
+        self._look_at_energy(records["position"], records["velocity"], taken, *plate)
         sunk = records["position"] - (self._begun.position if self._begun else 0.0)
         looked_at = records["force"], records["contact_radius"], records["approach"], sunk
         self._peaks.append(tuple(_peak(time, values) for values in looked_at))
         records["surface"] = records["approach"]
-        if self.course is not None:
+        if not one.rows_only:
             own = time[1:] if is_resting else time
-            self.course.add(partial(stepped, records, one, is_resting), own, float(time[-1]))
+            self.stretches.append((float(time[-1]), partial(stepped, records, one, is_resting), own))
 
     def _end_row(self) -> None:
         """Write the row of a contact that ended in a flight."""
@@ -223,8 +228,6 @@ class Train:
         self.stepper.room.memory[:] = self.dents.at(self.stepper.bed.edge)
         return self.stepper
 
-    # -- flights ---------------------------------------------------------------------------------
-
     def _free_surface(self) -> tuple[Floats, Floats]:
         """Energy (element,) [J] that the free springs hold, and displacement (element,) [m] at the pole."""
         if self.stepper is None:
@@ -233,14 +236,11 @@ class Train:
 
     def _keep_flight(self, start: Motion, stop: float, end: float) -> None:
         """Record a flight without the ends that its neighbours bring."""
-        if self.course is not None:
-            own = np.linspace(start.time, stop, FLIGHT_SAMPLES)[(1 if self.rows else 0) : (None if stop >= end else -1)]
-            surface = self._free_surface()
-            self.course.add(
-                lambda times: flown(start, self.setting, *surface, self.tables.creep.rate, times - start.time),
-                own,
-                stop,
-            )
+        if not self.setting.rows_only:
+            samples = np.linspace(start.time, stop, _FLIGHT_SAMPLES)
+            own = samples[(1 if self.rows else 0) : (None if stop >= end else -1)]
+            at = partial(flown, start, self.setting, *self._free_surface(), self.tables.creep.rate)
+            self.stretches.append((stop, lambda times: at(times - start.time), own))
 
     def _time_of_flight(self) -> float:
         """Time [s] to the next touch; 0 where the surface follows at once, infinity where no touch is asked for."""
@@ -260,7 +260,14 @@ class Train:
         else:
             self.stepper.room.memory[:] *= np.exp(-dt * rate)[:, None]
 
-    # -- limits ----------------------------------------------------------------------------------
+    def _look_at_energy(self, position: Floats, velocity: Floats, taken: Floats, *plate: Floats) -> None:
+        """Keep the largest error of the energy, which is 0 at the release and of which contacts have taken a part."""
+        one = self.setting
+        energy = 0.5 * one.mass * velocity**2 - one.mass * one.gravity * (position + one.height) + taken
+        if one.plate is not None:
+            energy += one.plate.energy(*plate)
+        self._worst = max(self._worst, float(np.abs(energy).max()))
+        self._deepest = max(self._deepest, float(np.abs(position).max()))
 
     def _look(self, radius: float) -> None:
         """Refuse a contact radius [m] that the sphere does not have, and too much work; report the progress."""
@@ -291,3 +298,76 @@ def _peak(time: Floats, values: Floats) -> float:
     curvature = (high / after - low / before) / (after - before)
     slope = low / before - curvature * before
     return float(values[i] - slope**2 / (4.0 * curvature)) if curvature < 0.0 else float(values[i])
+
+
+def time_of_flight(start: Motion, gravity: float, dent: Floats, rate: Floats, plate: Plate | None) -> float:
+    """Time [s] from lift-off, at which both part, to the next touch.
+
+    ``dent``, ``rate`` (element,): displacements [m] of the elements of the central spring, and rates of recovery [1/s].
+    On rigid ground the distance has one zero; a ringing plate is looked at within reach of its swing, which only falls.
+    """
+    velocity, u = start.velocity, start.plate_displacement
+
+    def sunk(time: Any) -> Any:
+        """Depth [m] to which the sphere, let alone, would have sunk into the surface, whose dent recovers."""
+        raised = plate.free(u, start.plate_velocity, time)[0] - u if plate else 0.0
+        return (velocity + 0.5 * gravity * time) * time - np.expm1(-np.multiply.outer(time, rate)) @ dent - raised
+
+    reach = 0.0 if plate is None else sqrt(2.0 * plate.energy(u, start.plate_velocity) / plate.stiffness)
+    longest = (-velocity + sqrt(velocity**2 + 4.0 * gravity * reach)) / gravity * 1.001
+    looks = np.array([longest])
+    if plate is not None:
+        step = 1.0 / (plate.frequency * _LOOKS_PER_PERIOD)
+        looks = step * np.arange(1, int(longest / step) + 2)
+        highest = u + reach + float(np.maximum(dent, 0.0).sum())
+        looks = looks[(velocity + 0.5 * gravity * looks) * looks + highest >= 0.0]
+    touching = np.flatnonzero(sunk(looks) > 0.0)
+    if not touching.size:
+        raise LabpipeError("the sphere does not come back to the plate")
+    end = float(looks[touching[0]])
+    begin = 1e-9 * end if plate is None else max(end - step, 1e-9 * step)
+    while sunk(begin) >= 0.0:
+        begin *= 1e-2
+        if begin < 1e-290 * end:
+            return 0.0
+    return float(brentq(sunk, begin, end, xtol=1e-300, rtol=8.9e-16))
+
+
+def flown(start: Motion, body: Setting, stored: Floats, dent: Floats, rate: Floats, s: Floats) -> Trail:
+    """Return records (time,) of a flight at times ``s`` [s] since its ``start``, known in closed form.
+
+    ``stored`` (element,) [J]: energy of each element of the memory at the start; ``dent``, ``rate`` as above.
+    """
+    trail, gravity = np.zeros(s.size, MOTION), body.gravity
+    trail["time"], trail["velocity"], trail["acceleration"] = start.time + s, start.velocity + gravity * s, gravity
+    trail["approach"] = trail["position"] = start.position + (start.velocity + 0.5 * gravity * s) * s
+    trail["surface"] = np.exp(-s[:, None] * rate) @ dent
+    trail["stored"] = np.exp(-2.0 * s[:, None] * rate) @ stored
+    trail["spring_work"], trail["plate_loss"] = start.spring_work, start.plate_loss
+    if body.plate is not None:
+        state = body.plate.free(start.plate_displacement, start.plate_velocity, s)
+        trail["plate_displacement"], trail["plate_velocity"], trail["plate_acceleration"] = state
+        trail["approach"] -= state[0]
+        trail["plate_loss"] += body.plate.energy(start.plate_displacement, start.plate_velocity)
+        trail["plate_loss"] -= body.plate.energy(*state[:2])
+    return trail
+
+
+def stepped(steps: Trail, body: Setting, is_resting: bool, times: Floats) -> Trail:
+    """Return records (time,) of a contact, or of the creep of a body at rest, from those of its steps.
+
+    Position and speed by Hermite's cubics, the others by monotone ones, so that none leaves the range of its steps.
+    """
+    row = np.minimum(np.searchsorted(steps["time"], times), steps.size - 1)
+    if steps.size == 1 or np.array_equal(steps["time"][row], times):
+        return steps[row]
+    columns = structured_to_unstructured(steps)
+    inside = np.clip(times, steps["time"][0], steps["time"][-1])
+    trail: Trail = unstructured_to_structured(PchipInterpolator(steps["time"], columns)(inside), MOTION)
+    trail["time"] = times
+    if not is_resting:
+        acceleration = body.gravity - steps["force"] / body.mass
+        trail["velocity"] = CubicHermiteSpline(steps["time"], steps["velocity"], acceleration)(inside)
+        trail["position"] = CubicHermiteSpline(steps["time"], steps["position"], steps["velocity"])(inside)
+        trail["approach"] = trail["surface"] = trail["position"] - trail["plate_displacement"]
+    return trail

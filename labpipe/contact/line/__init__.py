@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from labpipe.contact.line._indentation import indent as indent
     from labpipe.contact.line._surface import line_kernel as line_kernel
     from labpipe.contact.line.dissipation import (
-        dimensionless_frequency as dimensionless_frequency,
-        dimensionless_length as dimensionless_length,
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,
         dynamic_stiffness as dynamic_stiffness,

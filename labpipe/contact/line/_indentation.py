@@ -1,10 +1,8 @@
-r"""Indentation of a viscoelastic half-plane or bonded layer by a periodic row of tips.
+"""Indentation of a viscoelastic half-plane or bonded layer by a periodic row of tips.
 
-Thesis chapter 2, with another time integration than its eqs. (2.13) to (2.15): the hereditary
-integral of a Prony series is exact by a recursion whose cost does not grow with the history (R. L.
-Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.1620020106;
-:mod:`labpipe.contact._memory`), and a nested contact needs no linear solve
-(:mod:`labpipe.contact._springs`).
+Thesis chapter 2, with another time integration than its eqs. (2.13) to (2.15): the hereditary integral of a Prony
+series is exact by a recursion whose cost does not grow with the history (R. L. Taylor, K. S. Pister, G. L. Goudreau,
+1970, https://doi.org/10.1002/nme.1620020106), and a nested contact needs no linear solve (:mod:`.._springs`).
 """
 
 from __future__ import annotations
@@ -12,18 +10,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
-from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
-from labpipe.contact._march import March
 from labpipe.contact._memory import Creep, checked_history
+from labpipe.contact._stepping import March
 from labpipe.contact._thesis_scheme import ThesisScheme
 from labpipe.contact.line._surface import LineKernel, line_kernel, strip_bed, tip_height
 from labpipe.errors import InputError
@@ -32,16 +28,6 @@ from labpipe.units import Measure, require_positive, si
 from labpipe.variables import variable
 
 Output = Literal["pressure", "surface", "energy"]
-
-DEFAULT_ELEMENTS = 1024
-"""Strips per period: the elastic force is then good to 4e-6 from a half width of λ/50 on."""
-
-DEFAULT_RTOL = 1e-4
-"""Error of the force over the history, relative to the largest."""
-
-# So many strips go without the threads of the linear algebra: they gain nothing there, and where all
-# processors are busy a factor of 128 strips waited for them for 20 times its own time.
-_BY_ONE_THREAD = 1200
 
 _VARIABLES = {
     "displacement": ("m", "Approach of the indenter"),
@@ -64,9 +50,9 @@ def indent(
     displacement: ArrayLike,
     profile: str = "parabola",
     thickness: Measure = np.inf,
-    elements: int = DEFAULT_ELEMENTS,
+    elements: int = 1024,
     *,
-    rtol: float = DEFAULT_RTOL,
+    rtol: float = 1e-4,
     outputs: Sequence[Output] = (),
     progress: Callable[[float], None] | None = None,
     solver: Literal["springs", "thesis"] = "springs",
@@ -86,17 +72,15 @@ def indent(
     depth : float [m]
         Out-of-plane contact length, summed over the tips: forces are line force times depth.
     time : array (time,) [s]
-        Irregular as you like, never falling; two samples at one time are a jump. The surface is
-        undeformed before the first sample; a first displacement in contact is a jump.
+        Never falling; two samples at one time are a jump. A first displacement in contact is one too.
     displacement : array (time,) [m]
-        Approach, positive into the surface, from first touch of the undeformed surface; linear
-        between the samples. Negative is out of contact.
+        Approach, positive into the surface, from first touch of the undeformed surface; linear between the samples.
     profile : "parabola", "circle" or "cosine"
         Shape of a tip. Parabola and circle differ by 0.7 % in force at δ = R/10.
     thickness : float [m]
         Of the layer bonded to a rigid base; infinite for the half-plane.
     elements : int, optional
-        Strips per period, even.
+        Strips per period, even; with 1024 the elastic force is good to 4e-6 from a half width of λ/50 on.
     rtol : float
         Error to aim at, over the largest force; steps adapt, at least two between samples.
     outputs : sequence of {"pressure", "surface", "energy"}
@@ -104,35 +88,26 @@ def indent(
     progress : callable, optional
         Called now and then with the fraction of the samples that is done.
     solver : {"springs", "thesis"}
-        Independent springs, or as a reference the thesis's own scheme at uniform times: full history,
-        instantaneous step compliance, active set, at a cost that grows with the square of the samples.
+        Independent springs, or as a reference the thesis's own scheme at uniform times.
 
     Returns
     -------
     Dataset
-        Over ``time``: ``displacement`` [m], ``force`` [N], ``contact_half_width`` [m] (half of the
-        total contact length of a period). On request ``pressure`` [Pa], ``surface`` [m] (positive
-        into the body) over (``time``, ``x``); ``work_done``, ``stored_energy``,
-        ``dissipated_energy`` [J]. Attributes: ``work`` (JSON counts), ``solver``,
-        ``datum`` of displacements ("mean surface" or "rigid base (absolute)"),
-        and with energies ``energy_error``: the largest difference of the work done and the
-        stored and dissipated energy, relative to the work: the error of the steps in time.
+        Over ``time``: ``displacement`` [m], ``force`` [N], ``contact_half_width`` [m] (half of the total contact length
+        of a period). On request ``pressure`` [Pa], ``surface`` [m] (positive into the body) over (``time``, ``x``);
+        ``work_done``, ``stored_energy``, ``dissipated_energy`` [J]. Attributes: ``work`` (JSON counts), ``solver``,
+        ``datum`` of displacements ("mean surface" or "rigid base (absolute)"), and with energies ``energy_error``, that
+        of the steps in time relative to the work done.
 
     Raises
     ------
     InputError
-        A value lies outside its domain, the history has a gap or runs backwards, a
-        half-plane would be in full contact, a circle in contact at ``|x| = R``, or the contact
-        does not grow and shrink from the centre of the period.
+        A value lies outside its domain, the history has a gap or runs backwards, a half-plane would be in full contact,
+        a circle in contact at ``|x| = R``, or the contact does not grow and shrink from the centre of the period.
 
     Notes
     -----
-    Constant Poisson's ratio, no friction, no adhesion, small slopes. A half-plane's approach is
-    relative to the mean surface, because its mean displacement is not defined.
-
-    References
-    ----------
-    Thesis eqs. (2.7)-(2.16).
+    Thesis eqs. (2.7)-(2.16). Constant Poisson's ratio, no friction, no adhesion, small slopes.
 
     Examples
     --------
@@ -153,12 +128,6 @@ def indent(
     return line.march(times, values, rtol, outputs, progress)
 
 
-@cache
-def _libraries() -> ThreadpoolController:
-    """Libraries with threads of their own, which take 10 ms to find."""
-    return ThreadpoolController()
-
-
 @dataclass(frozen=True, slots=True)
 class _Line:
     """Material, strips, contact length [m], thickness [m] of the layer and shape of the tips."""
@@ -172,7 +141,7 @@ class _Line:
 
     @classmethod
     def of(cls, material: Solid, lengths: tuple[Measure, ...], profile: str, elements: int) -> _Line:
-        """Check what a line contact is made of: tip radius, period, depth and thickness are ``lengths``."""
+        """Check a line contact, ``lengths`` being tip radius, period, depth and thickness."""
         body = solid(material)
         names = ("tip_radius", "period", "depth", "thickness")
         radius, period, depth, thickness = (si(given, "m", name) for given, name in zip(lengths, names, strict=True))
@@ -198,20 +167,19 @@ class _Line:
         heights = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period, kernel.spacing)
         limit = self._limit(heights, displacement)
         rows, answers = {name: np.empty((time.size, elements)) for name in maps}, np.empty((time.size, 7))
-        with _libraries().limit(limits=1 if elements <= _BY_ONE_THREAD else None, user_api="blas"):
-            # The strip at half a period is stored once, at index 0; a circle ends before.
-            half = np.append(heights[elements // 2 :], heights[0])
-            bed = strip_bed(kernel, half[np.isfinite(half)], float(displacement.max()))
-            march = March(bed.springs, self.creep, "displacement", rtol, limit)
-            for n, found in enumerate(march.run(time, displacement)):
-                answers[n] = found
-                if "pressure" in maps:
-                    rows["pressure"][n] = bed.pressure(kernel, march.room.load)
-                if "surface" in maps:
-                    moved = self.creep.instantaneous * march.room.load + march.room.memory.sum(axis=0)
-                    rows["surface"][n] = kernel.displacement(bed.pressure(kernel, moved))
-                if progress is not None and n % max(time.size // 100, 1) == 0:
-                    progress((n + 1) / time.size)
+        # The strip at half a period is stored once, at index 0; a circle ends before.
+        half = np.append(heights[elements // 2 :], heights[0])
+        bed = strip_bed(kernel, half[np.isfinite(half)], float(displacement.max()))
+        march = March(bed.springs, self.creep, "displacement", rtol, limit)
+        for n, found in enumerate(march.run(time, displacement)):
+            answers[n] = found
+            if "pressure" in maps:
+                rows["pressure"][n] = bed.pressure(kernel, march.room.load)
+            if "surface" in maps:
+                moved = self.creep.instantaneous * march.room.load + march.room.memory.sum(axis=0)
+                rows["surface"][n] = kernel.displacement(bed.pressure(kernel, moved))
+            if progress is not None and n % max(time.size // 100, 1) == 0:
+                progress((n + 1) / time.size)
         names = ("displacement", "force", "contact_half_width", "work_done", "dissipated_energy", "stored_energy")
         rows = dict(zip(names[: 6 if "energy" in outputs else 3], answers.T, strict=False)) | rows
         if "pressure" in maps:

@@ -8,10 +8,9 @@ space, with z = qh for a layer of thickness h,
     G(q) = \frac{2}{|q|} S(z), \qquad
     S = \frac{(3-4\nu)\sinh 2z - 2z}{(3-4\nu)\cosh 2z + 2z^2 + 5 - 12\nu + 8\nu^2},
 
-S = 1 for the half-plane. The sum over all wave numbers is exact: the half-plane's part is a difference
-of Clausen functions, that of a layer decays exponentially. The mean displacement of a periodically
-loaded half-plane is infinite: there G(0) is 0 and displacements are relative to the *mean surface*;
-those of a layer are absolute.
+S = 1 for the half-plane. The sum over all wave numbers is exact: the half-plane's part is a difference of Clausen
+functions, that of a layer decays exponentially. Displacements of a half-plane are relative to the *mean surface*, with
+G(0) = 0; those of a layer are absolute.
 """
 
 from dataclasses import dataclass
@@ -39,9 +38,8 @@ _SPARE_SPRINGS = 16
 def tip_height(profile: str, x: Floats, tip_radius: float, period: float, strip: float = 0.0) -> Floats:
     """Height (n,) [m] of a tip over its lowest point at ``x`` (n,) [m], |x| up to half a period.
 
-    ``"parabola"`` is x²/(2R), ``"circle"`` is R − √(R² − x²) and infinite (no indenter) beyond R,
-    ``"cosine"`` is h (1 − cos(2πx/λ)) with h = λ²/(4π²R). Of strips of a width ``strip`` [m] it is the
-    height that collocation at their centres should see, with f″/48 of the width squared added.
+    ``"parabola"`` is x²/(2R), ``"circle"`` is R − √(R² − x²) and infinite (no indenter) beyond R, ``"cosine"`` is
+    h (1 − cos(2πx/λ)) with h = λ²/(4π²R). For strips of a width ``strip`` [m], f″/48 of its square is added.
     """
     require_positive("m", tip_radius=tip_radius)
     if not isinstance(profile, str) or profile not in ("parabola", "circle", "cosine"):
@@ -62,8 +60,7 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float, strip:
 class LineKernel:
     """Displacements of a periodic surface under strips of unit pressure, for E* = 1.
 
-    ``period`` [m]: λ; ``influence`` (element,) [m]: displacement at the centre of strip m under unit pressure on
-    strip 0; ``mean_compliance`` [m]: G(0), 0 for the half-plane, whose displacements are relative to the mean surface.
+    ``influence`` (element,) [m]: of the centre of strip m under pressure on strip 0; ``mean_compliance`` [m]: G(0).
     """
 
     period: float

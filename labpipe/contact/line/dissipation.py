@@ -168,8 +168,6 @@ def tapping_amplitude(
 ) -> Floats:
     """Amplitude α(ω) [m] at which the indenter starts to leave the surface, eqs. (2.33), (2.34).
 
-    It falls as the frequency rises.
-
     See Also
     --------
     dynamic_stiffness : the parameters, and what is refused.
@@ -185,16 +183,6 @@ def tapping_amplitude(
     reserve = mean_indentation - cosine_amplitude(tip_radius, period) * square
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
     return np.asarray(material.E_relaxed * reserve / np.abs(material.complex_modulus(omega)))
-
-
-def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Floats:
-    """Return f̃ = f τ₀ of a frequency [Hz] and a characteristic time [s], eq. (2.38)."""
-    return np.asarray(frequency, dtype=float) * characteristic_time
-
-
-def dimensionless_length(length: ArrayLike, tip_radius: float) -> Floats:
-    """Return Δ̃ = Δ/R or α̃ = α/R, eqs. (2.36) and (2.37)."""
-    return np.asarray(length, dtype=float) / tip_radius
 
 
 def dimensionless_work(work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float) -> Floats:

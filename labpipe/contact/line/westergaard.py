@@ -1,7 +1,7 @@
 r"""Elastic periodic line contact of a half-plane, in closed form: cosine and parabola.
 
-Everything is per unit depth and for a reduced modulus E* = E/(1 − ν²); with s = sin(πa/λ) and a
-the contact *half* width. The approach is relative to the mean surface.
+Per unit depth, for a reduced modulus E* = E/(1 − ν²), s = sin(πa/λ), a the contact *half* width; the approach is
+relative to the mean surface.
 
 Cosine h (1 − cos(2πx/λ)) (Westergaard):
 
@@ -39,10 +39,7 @@ _BELOW_ONE = float(np.nextafter(1.0, 0.0))
 
 
 class LineContact(NamedTuple):
-    """An elastic state of contact, arrays of one shape.
-
-    Half width [m]; approach [m] relative to the mean surface; force [N/m] per tip and unit depth; peak pressure [Pa].
-    """
+    """Half width, approach [m], force [N/m] per tip and unit depth, peak pressure [Pa], of one shape."""
 
     half_width: Floats
     displacement: Floats

@@ -1,9 +1,4 @@
-r"""A sphere on a viscoelastic half-space under a prescribed load or approach.
-
-The same springs as an impact (method of dimensionality reduction), without inertia: the static
-loading of thesis chapter 3 (a weight put down, further weights added), creep under a load, and
-prescribed approaches as in instrumented indentation.
-"""
+"""A sphere on a viscoelastic half-space under a prescribed load or approach: static loading of thesis chapter 3."""
 
 from __future__ import annotations
 
@@ -15,9 +10,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.contact._march import Control, March
 from labpipe.contact._memory import Creep, checked_history, checked_load
 from labpipe.contact._springs import sphere_bed
+from labpipe.contact._stepping import Control, March
 from labpipe.contact.sphere._counter_body import Substrate, counter_compliance
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.errors import InputError
@@ -27,14 +22,9 @@ from labpipe.variables import variable
 
 Profile = Literal["parabola", "sphere"]
 
-SPRINGS = 400
-"""Springs within the largest contact radius: force good to 1e-6, radius to 1e-5 where the pressure
-falls smoothly to zero at the edge. Where a relaxation far shorter than the loading leaves no
-instantaneous compliance to speak of, the pressure ends in a step, and the force to 5e-4."""
-
-DEFAULT_RTOL = 1e-4
-"""Error of the force (or approach) over the history, relative to the largest."""
-
+# Springs within the largest contact radius: force good to 1e-6, radius to 1e-5 where the pressure falls smoothly to
+# zero; where a relaxation far shorter than the loading leaves hardly an instantaneous compliance, force to 5e-4.
+_SPRINGS = 400
 # The exact sphere has another gap; springs a little beyond the parabola's reach cover it.
 _SPARE_REACH = 1.02
 
@@ -47,7 +37,7 @@ def load_sphere(
     *,
     profile: Profile = "parabola",
     substrate: Substrate = None,
-    rtol: float = DEFAULT_RTOL,
+    rtol: float = 1e-4,
 ) -> xr.Dataset:
     """Approach and contact radius of a sphere under a history of load.
 
@@ -71,15 +61,13 @@ def load_sphere(
     Returns
     -------
     Dataset
-        Over ``time``: ``approach`` [m], ``force`` [N], ``contact_radius`` [m]; attribute ``work``
-        (JSON counts).
+        Over ``time``: ``approach`` [m], ``force`` [N], ``contact_radius`` [m]; attribute ``work`` (JSON counts).
 
     Raises
     ------
     InputError
-        A load is negative, the history has a gap or runs backwards, the radius is not positive, the
-        material is a liquid (it sinks in), the contact would not be small against the sphere, or
-        the steps make it look like a ring.
+        A load is negative, the history has a gap or runs backwards, the radius is not positive, or the contact would
+        not be small against the sphere.
 
     See Also
     --------
@@ -106,7 +94,7 @@ def press_sphere(
     *,
     profile: Profile = "parabola",
     substrate: Substrate = None,
-    rtol: float = DEFAULT_RTOL,
+    rtol: float = 1e-4,
 ) -> xr.Dataset:
     """Force and contact radius of a sphere under a history of approach.
 
@@ -143,15 +131,15 @@ def _pressed(
         reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
     else:
         reach = float(static_approach(largest, radius, 1.0).contact_radius)
-    if str(profile) not in ("parabola", "sphere"):
+    if profile not in ("parabola", "sphere"):
         raise InputError(f'profile "{profile}" is unknown; use "parabola" or "sphere"')
-    if profile == "sphere" and _SPARE_REACH * reach * (1.0 + 2.0 / SPRINGS) >= radius:
+    if profile == "sphere" and _SPARE_REACH * reach * (1.0 + 2.0 / _SPRINGS) >= radius:
         raise InputError(
             f"the contact would be as wide as the sphere ({reach:.4g} m against a radius of "
             f"{radius:.4g} m); reduce the load or the approach"
         )
     limit = "the contact reaches the end of the springs; give a smaller load or approach"
-    march = March(sphere_bed(radius, _SPARE_REACH * reach, SPRINGS, profile), creep, control, rtol, limit)
+    march = March(sphere_bed(radius, _SPARE_REACH * reach, _SPRINGS, profile), creep, control, rtol, limit)
     answers = np.array([answer[:3] for answer in map(np.copy, march.run(time, value))])
     columns = {
         "approach": ("m", "Approach of the sphere", answers[:, 0]),

@@ -46,15 +46,8 @@ def test_adhesion_is_negligible_for_the_sphere_of_the_drops_and_not_for_soft_dus
     assert dust.verdict == "may matter"
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: Jkr(R, E, -1.0), "work"),
-        (lambda: Jkr(0.0, E, W), "radius"),
-        (lambda: adhesive_states(Prony(1e6, [], [], nu=0.5), R, W, 1e9), "reduce the load"),
-        (lambda: adhesive_states(Prony(0.0, [1e6], [1.0], nu=0.5), R, W, 1.0), "solid"),
-    ],
-)
-def test_bad_values_are_refused(call, message) -> None:
-    with pytest.raises(InputError, match=message):
-        call()
+def test_bad_values_are_refused() -> None:
+    with pytest.raises(InputError, match="work"):
+        Jkr(R, E, -1.0)
+    with pytest.raises(InputError, match="reduce the load"):
+        adhesive_states(Prony(1e6, [], [], nu=0.5), R, W, 1e9)

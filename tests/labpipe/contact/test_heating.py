@@ -55,7 +55,3 @@ def test_what_cannot_be_estimated_is_refused() -> None:
     falling = contact.drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.01, rtol=1e-3)
     with pytest.raises(InputError, match="at least one completed impact"):
         self_heating(falling, acrylic, SOLID)
-    with pytest.raises(InputError, match="conductivity is 0"):
-        Thermal(1.0, 1.0, 0.0)
-    with pytest.raises(InputError, match='no thermal properties of "steel"'):
-        thermal("steel")

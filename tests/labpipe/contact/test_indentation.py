@@ -102,12 +102,10 @@ def test_maps_add_up_to_the_force_and_touch_the_indenter() -> None:
     ("wrong", "match"),
     [
         ({"depth": 0.0}, "depth"),
-        ({"tip_radius": 0.0}, "radius"),
         ({"profile": "square"}, "square"),
         ({"elements": 33}, "even"),
         ({"thickness": 0.0}, "thick"),
         ({"outputs": ["colour"]}, "colour"),
-        ({"profile": np.zeros(64)}, "unknown"),
         ({"thickness": 5e-5}, "thickness"),
     ],
 )

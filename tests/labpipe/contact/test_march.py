@@ -10,7 +10,7 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony
 
 GEOMETRY = (2e-3, 8e-3, 1.0)
-SLS = Prony.from_creep(2e9, [0.25e-9], [0.05], nu=0.35)
+_SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
 
 
 def wild(terms: int, ratio: float, nu: float = 0.4) -> Prony:
@@ -40,12 +40,6 @@ def test_steps_are_counted_and_few() -> None:
     assert work["solves"] < 2 * work["solver_steps"] + 1
 
 
-@pytest.mark.parametrize("rtol", [0.0, np.nan])
-def test_tolerances_outside_their_range_are_refused(rtol) -> None:
-    with pytest.raises(InputError, match="rtol"):
-        indent(SLS, *GEOMETRY, [0.0], [1e-4], rtol=rtol)
-
-
 _TAPS = np.linspace(0.0, 2.0, 41)
 _HISTORIES = {
     "held": ([0.0, 1.0, 10.0, 100.0], [0.0, 1.0, 1.0, 1.0]),
@@ -66,3 +60,22 @@ def test_the_tolerance_is_the_error_of_what_is_returned(solid, history, run):
     for rtol in (1e-2, 1e-3, 1e-4):
         found = run(solid, 0.01, time, scale * np.array(value), rtol=rtol)[name].values
         assert np.abs(found - exact).max() < rtol * np.abs(exact).max()
+
+
+def test_exact_sphere_differs_by_the_known_amount() -> None:
+    radius = np.sqrt(9.525e-3 * 7e-5)
+    parabola = press_sphere(_SLS, 9.525e-3, [0.0], [7e-5])
+    sphere = press_sphere(_SLS, 9.525e-3, [0.0], [7e-5], profile="sphere")
+    ratio = float(sphere.force[0] / parabola.force[0])
+    assert ratio == pytest.approx(1.0 - 0.1 * (radius / 9.525e-3) ** 2, abs=3e-5)
+
+
+@pytest.mark.parametrize(("load", "match"), [([1.0, -1.0], r"load\[1\]"), ([1.0, np.nan], r"load\[1\] is nan")])
+def test_bad_loads_are_refused_with_the_place(load, match) -> None:
+    with pytest.raises(InputError, match=match):
+        load_sphere(_SLS, 9.525e-3, [0.0, 1.0], load)
+
+
+def test_a_contact_as_wide_as_the_sphere_is_refused() -> None:
+    with pytest.raises(InputError, match="as wide as the sphere"):
+        load_sphere(Prony(1e3, [], [], nu=0.5), 9.525e-3, [0.0], [50.0], profile="sphere")

@@ -1,12 +1,10 @@
 """The exponential memory against closed forms, at every ratio of step to retardation time."""
 
 import numpy as np
-import pytest
 
 from labpipe.contact._memory import Creep, condense
 from labpipe.contact._springs import SpringBed
 from labpipe.contact._stepping import advance, look_ahead, weigh
-from labpipe.errors import InputError
 from labpipe.materials import Prony
 
 PMMA15 = Creep.of(Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35))
@@ -34,11 +32,6 @@ def test_a_ramp_of_load_is_exact_at_any_step_length():
     creep_part = PMMA15.C * (t + PMMA15.tau * np.expm1(-t / PMMA15.tau))
     exact = PMMA15.instantaneous * times + creep_part.sum(axis=1)
     np.testing.assert_allclose(found[1:], exact[1:], rtol=1e-12)
-
-
-def test_a_material_without_instantaneous_compliance_is_refused():
-    with pytest.raises(InputError, match="instantaneous"):
-        Creep.of(Prony(1e9, [], [], viscosity=1e6))
 
 
 def test_condensed_terms_keep_the_creep_within_the_tolerance():
