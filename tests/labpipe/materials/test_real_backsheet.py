@@ -33,13 +33,6 @@ def test_residuals_are_small_but_for_the_points_that_still_settled(curve):
     assert curve.kramers_kronig.verdict == "pass"
 
 
-@pytest.mark.slow
-def test_residuals_are_small_without_the_first_point_of_every_sweep():
-    later = quiet_curve(backsheet_sweeps().isel(frequency=slice(1, None)), -5.0)
-    for name, limit in (("storage_residual", 0.02), ("loss_residual", 0.03)):
-        assert np.sqrt(np.nanmean(later.data[name].values ** 2)) < limit
-
-
 def test_shifts_follow_the_published_ones_where_steps_are_determined(curve):
     """In the rubber both agree in slope; in the glass neither is determined by the data."""
     published = backsheet_table("backsheet_published_shift_factors.csv")[:, ::-1]
