@@ -128,13 +128,6 @@ def test_stiff_glass_is_barely_determined_and_says_so(maxwell_truth):
     assert not bool(found.overlap["determined"][0])
 
 
-def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(5)
-    with pytest.warns(UserWarning, match="no valid point at -40 °C"):
-        found = master_curve(sweeps.where(sweeps["temperature"] > -39.0), T_ref=60.0)
-    assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
-
-
 def with_value(name, value):
     return lambda sweeps: sweeps.assign({name: sweeps[name].where(np.arange(132).reshape(12, 11) != 25, value)})
 

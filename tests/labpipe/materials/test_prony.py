@@ -4,7 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from labpipe.errors import InputError
 from labpipe.materials import Prony
@@ -30,13 +29,6 @@ def test_modulus_times_compliance_is_one(acrylic_like):
         unrelaxed = 0.0 if solid.viscosity > 0 else 1 / solid.E_unrelaxed
         compliance = unrelaxed + (C / (1 + 1j * OMEGA[:, None] * tau)).sum(axis=1) - 1j * solid.fluidity / OMEGA
         assert np.abs(solid.complex_modulus(OMEGA) * compliance - 1).max() < EXACT
-
-
-def test_convolution_of_creep_and_relaxation_is_the_time():
-    solid = Prony(1.0, [2.0, 5.0], [0.3, 4.0])
-    for t in (0.1, 1.0, 20.0):
-        area, _ = quad(lambda s, t=t: float(solid.creep(t - s) * solid.relaxation(s)), 0, t)
-        assert area == pytest.approx(t, rel=1e-10)
 
 
 def test_maxwell_element_and_standard_linear_solid_are_as_printed_in_the_thesis():
