@@ -1,7 +1,7 @@
 """Events of a falling and bouncing body: release, contacts, bounces, vibration, rest.
 
-The smoothing spline finds the impacts (where the speed turns from down to up between two stretches
-of free flight); :mod:`._impact_fit` then fits each with its two ballistic arcs.
+The smoothing spline finds the impacts, where the speed turns from down to up between two flights; :mod:`._impact_fit`
+fits each with its two ballistic arcs.
 """
 
 import json
@@ -17,7 +17,7 @@ from labpipe.signals._derivative import checked_record
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import LABELS, OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import Colour, corner_in_flight
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight, excess_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -61,8 +61,8 @@ def bounces(
     Parameters
     ----------
     displacement : Dataset with ``displacement`` or DataArray, over time [m]
-        Either direction, any offset. NaN samples are left out. An attribute ``hum`` of the Dataset
-        says which hum was taken out of it already; it is found again with the flights.
+        Either direction, any offset; NaN is left out. An attribute ``hum`` of the Dataset says which hum was taken out
+        of it already; it is found again with the flights.
     contact : {"any", "polymer"}
         Prior knowledge of the force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`. ``"polymer"`` (a broad
         relaxation spectrum, such as acrylic, PEEK, nylon or PTFE) halves the uncertainties; ``"any"`` also covers
@@ -141,8 +141,7 @@ def _measured(
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
             f"m/s in {turns[0].duration:.3g} s, no more than {_IMPULSIVE:.0f} times the fall does"
         )
-    prior = PRIORS[contact]
-    impacts, last_touch = fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
+    impacts, last_touch = fitted(time, height, (sigma, colour), turns, (fall, u_fall), PRIORS[contact], floor)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -185,10 +184,11 @@ def _followed(time: Floats, values: Floats, sigma: float) -> _Motion:
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
-    (speed, u_speed), (acceleration, u) = evaluate(fit, time, 1, 2)
+    (level, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
+    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, (level, u_level), (speed, u_speed)))
     speed *= direction
     return _Motion(fit, direction, speed, u_speed, find_turns(time, speed, u_speed))
 
@@ -302,8 +302,7 @@ def _release(
 
     start = turn.before + (turn.descent - turn.before) // 10
     try:
-        # Slow drift or hum makes the turn begin while the body still rests. The last third of the
-        # rest falls for certain and says when the release was.
+        # The turn may begin while the body still rests; the last third falls for certain and says when the release was.
         (_, speed, rate), _ = fallen(int(np.searchsorted(time, touch - (touch - time[start]) / 3)))
         start = max(start, int(np.searchsorted(time, touch + speed / rate)))
         (level, speed, rate), covariance = fallen(start)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pipelines.bench.master_curve import FRACTIONAL, MAXWELL
+from pipelines.bench.master_curve import MAXWELL
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,6 @@ class Truth:
 @pytest.fixture(scope="session")
 def maxwell_truth():
     return Truth(60.0, MAXWELL.modulus, MAXWELL.shift)
-
-
-@pytest.fixture(scope="session")
-def fractional_truth():
-    return Truth(40.0, FRACTIONAL.modulus, FRACTIONAL.shift)
 
 
 @pytest.fixture(scope="session")

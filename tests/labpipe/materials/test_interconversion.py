@@ -118,23 +118,13 @@ def test_nearly_equal_times_keep_their_digits():
     assert max(error_of_relaxation(soft)) < lost(4)
 
 
-def test_liquid_has_a_flow_and_one_term_fewer():
+def test_a_liquid_flows_and_no_instantaneous_compliance_is_a_dashpot_each_with_one_term_fewer():
     liquid = Relaxation(0.0, np.array([1.0, 2.0]), np.array([1.0, 10.0]))
-    creep = creep_from_relaxation(liquid)
-    assert creep.fluidity == pytest.approx(1 / 21)
-    assert creep.time.size == 1
-    back = relaxation_from_creep(creep)
-    np.testing.assert_allclose(back.weight, liquid.weight, rtol=lost(2))
-    np.testing.assert_allclose(back.time, liquid.time, rtol=lost(2))
-    assert back.relaxed == 0
-
-
-def test_no_instantaneous_compliance_gives_a_dashpot_and_one_term_fewer():
     soft = Retardation(0.0, np.array([1.0, 2.0]), np.array([1.0, 5.0]))
-    family = relaxation_from_creep(soft)
+    creep, family = creep_from_relaxation(liquid), relaxation_from_creep(soft)
+    assert creep.fluidity == pytest.approx(1 / 21)
     assert family.viscosity == pytest.approx(1 / 1.4)
-    assert family.time.size == 1
-    back = creep_from_relaxation(family)
-    np.testing.assert_allclose(back.weight, soft.weight, rtol=lost(2))
-    np.testing.assert_allclose(back.time, soft.time, rtol=lost(2))
-    assert back.unrelaxed == 0
+    assert creep.time.size == family.time.size == 1
+    for given, back in ((liquid, relaxation_from_creep(creep)), (soft, creep_from_relaxation(family))):
+        np.testing.assert_allclose(back.weight, given.weight, rtol=lost(2))
+        np.testing.assert_allclose(back.time, given.time, rtol=lost(2))

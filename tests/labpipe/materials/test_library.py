@@ -20,13 +20,6 @@ def test_every_number_has_a_source_and_a_status(name: str) -> None:
         assert entry.status in STATUSES
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_heat_softens(name: str) -> None:
-    omega = 2 * np.pi * 100.0
-    cold, warm = load(name), load(name, temperature=39.0)
-    assert abs(warm.complex_modulus(omega)) < abs(cold.complex_modulus(omega))
-
-
 def test_nbr_gives_the_three_plateaus_of_the_thesis_from_one_modulus() -> None:
     nbr = load("nbr")
     assert nbr.E_relaxed / (1 - nbr.nu**2) == pytest.approx(10.14e6, rel=1e-3)
@@ -77,17 +70,12 @@ def test_a_file_of_the_laboratory_reads(tmp_path: Path) -> None:
     ("old", "new", "line", "words"),
     [
         ('"0.4"', '"0.4 mm"', 4, "quantity in 1"),
-        ('"0.4"', "0.4", 4, "expected text"),
         ("GPa", "furlong", 8, "unknown unit"),
         ("E = [1e8, 2e8]", "E = [1e8]", 13, "1 moduli stand beside 2 times"),
-        ("E = [1e8, 2e8]", "E = [1e8, nan]", 13, "finite numbers"),
         ("E = [1e8, 2e8]", "E = [1e8, -2e8]", 11, "relaxation"),
         ('status = "measured"\n[E_', 'status = "true"\n[E_', 6, "one of measured"),
         ("arrhenius", "magic", 18, '"arrhenius" or "wlf"'),
-        ("8e4", "-8e4", 19, "positive"),
-        ("labpipe_material = 1", "labpipe_material = 2", 1, "version"),
         ("labpipe_material = 1", "labpipe_material = 1\ncolour = 3", 2, "unknown"),
-        ("[shift]", "[drift]", 16, "unknown"),
         ('source = "here"\nstatus = "measured"\n[shift]', 'status = "measured"\n[shift]', 11, "source: expected text"),
     ],
 )
@@ -98,15 +86,14 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, old: str, new: str, li
     assert f"m.toml:{line}:" in str(caught.value)
 
 
-def test_broken_toml_and_other_files_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text("a = [", "utf-8")
-    with pytest.raises(SourceError, match="not TOML"):
+@pytest.mark.parametrize(
+    ("content", "words"), [(b"a = [", "not TOML"), (b"\xff\xfe\x00", "UTF-8"), (None, "cannot be read")]
+)
+def test_other_files_are_refused(tmp_path: Path, content: bytes | None, words: str) -> None:
+    if content is not None:
+        (tmp_path / "m.toml").write_bytes(content)
+    with pytest.raises(SourceError, match=words):
         load(tmp_path / "m.toml")
-    (tmp_path / "n.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(SourceError, match="UTF-8"):
-        load(tmp_path / "n.toml")
-    with pytest.raises(SourceError, match="cannot be read"):
-        load(tmp_path / "absent.toml")
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:

@@ -1,6 +1,5 @@
 """Master curves against materials that are known, and against sweeps that are spoilt."""
 
-import pickle
 import warnings
 from dataclasses import replace
 
@@ -61,14 +60,6 @@ def test_law_that_does_not_hold_is_named(maxwell_truth):
     assert found.verdict.level != "pass"
 
 
-def test_noise_levels_are_estimated_apart(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(7, storage=0.01, loss=0.08)
-    found = quiet(sweeps, T_ref=60.0)
-    assert found.noise["storage"] == pytest.approx(0.01, rel=0.3)
-    assert found.noise["loss"] == pytest.approx(0.08, rel=0.3)
-    assert error(found, maxwell_truth) < 0.04
-
-
 def test_delay_of_the_instrument_is_found_and_taken_out(maxwell_truth):
     late = replace(maxwell_truth, delay=200e-6)
     found = master_curve(late.sweeps(4), T_ref=60.0)
@@ -104,27 +95,11 @@ def test_result_is_one_dataset_with_units(curve, tmp_path):
         np.testing.assert_array_equal(again["log10_aT"], curve.log10_aT)
 
 
-def test_result_is_deterministic_and_travels(curve, maxwell_truth):
-    again = master_curve(maxwell_truth.sweeps(5), T_ref=60.0)
-    np.testing.assert_array_equal(again.log10_aT, curve.log10_aT)
-    assert pickle.loads(pickle.dumps(curve)).prony == curve.prony  # noqa: S301
-
-
 def quiet(sweeps, **options):
     """Run with the limits of the data expected; they are tested by name elsewhere."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return master_curve(sweeps, **options)
-
-
-def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
-    twice = xr.concat([maxwell_truth.sweeps(5), maxwell_truth.sweeps(6).isel(temperature=[4])], "temperature")
-    with pytest.warns(UserWarning, match="measured more than once"):
-        found = master_curve(twice, T_ref=60.0)
-    assert found.log10_aT.sizes["temperature"] == 13
-    first, second = float(found.log10_aT[4]), float(found.log10_aT[12])
-    assert abs(first - second) < 0.1
-    assert abs(first - second) > 0
 
 
 def test_one_temperature_fits_its_own_spectrum(maxwell_truth):
@@ -153,13 +128,6 @@ def test_stiff_glass_is_barely_determined_and_says_so(maxwell_truth):
     assert not bool(found.overlap["determined"][0])
 
 
-def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(5)
-    with pytest.warns(UserWarning, match="no valid point at -40 °C"):
-        found = master_curve(sweeps.where(sweeps["temperature"] > -39.0), T_ref=60.0)
-    assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
-
-
 def with_value(name, value):
     return lambda sweeps: sweeps.assign({name: sweeps[name].where(np.arange(132).reshape(12, 11) != 25, value)})
 
@@ -175,10 +143,8 @@ def in_unit(name, unit):
         (with_value("storage", np.inf), "infinite at 1 points"),
         (lambda sweeps: sweeps.assign(loss=-sweeps["loss"]), "132 of 132 points.*sign convention"),
         (in_unit("storage", "MPa"), '"storage" is in "MPa", expected "Pa"'),
-        (in_unit("temperature", "K"), '"temperature" is in "K", expected "degC"'),
         (in_unit("frequency", "rad/s"), '"frequency" is in "rad/s", expected "Hz"'),
         (lambda sweeps: sweeps * 1e150, r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"),
-        (lambda sweeps: sweeps * 1e-150, r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"),
         (lambda sweeps: sweeps.drop_vars("loss"), "lack loss"),
         (lambda sweeps: sweeps.isel(frequency=0), "has dimensions"),
         (lambda sweeps: sweeps.isel(frequency=[0], temperature=[0]), "only 1 points"),
@@ -194,41 +160,10 @@ def test_unusable_sweeps_are_refused(maxwell_truth, change, message):
     ("options", "message"),
     [
         ({"T_ref": 200.0}, r"T_ref = 200 °C lies outside the measured -40 to 120 °C.*law"),
-        ({"T_ref": np.nan}, "T_ref = nan"),
         ({"law": "vogel"}, "law = 'vogel' is unknown"),
         ({"vertical": "free"}, "vertical = 'free' is unknown"),
-        ({"delay": 3}, "delay = 3 is unknown"),
     ],
 )
 def test_unknown_options_are_refused(maxwell_truth, options, message):
     with pytest.raises(InputError, match=message):
         master_curve(maxwell_truth.sweeps(5), **options)
-
-
-def random_material(seed, truth):
-    """Two loss peaks anywhere, of any width, between any moduli: often a glass or a plateau."""
-    rng = np.random.default_rng(seed)
-    rho = np.logspace(-10, 2, 20)
-    x = np.log10(rho)
-    centres, widths = rng.uniform(-9, 1, 2), rng.uniform(0.5, 2, 2)
-    heights = rng.permutation([1.0, 10 ** rng.uniform(-2.5, 0)])
-    weight = sum(h * np.exp(-0.5 * ((x - c) / w) ** 2) for h, c, w in zip(heights, centres, widths, strict=True))
-    weight = weight + 10 ** rng.uniform(-3.5, -2)
-    relaxed = 10 ** rng.uniform(5.5, 8.5)
-    weight = weight / weight.sum() * (10 ** rng.uniform(9, 9.6) - relaxed)
-
-    def modulus(omega):
-        z = 1j * omega[..., None] * rho
-        return relaxed + (z / (1 + z)) @ weight
-
-    return replace(truth, modulus=modulus)
-
-
-@pytest.mark.parametrize("seed", [17, 59])
-def test_stiff_sweeps_are_not_torn_apart(maxwell_truth, seed):
-    """A spectrum of its own for every glassy sweep fits better and is wrong by decades."""
-    known = random_material(seed, maxwell_truth)
-    found = quiet(known.sweeps(seed), T_ref=60.0)
-    z = (found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values
-    assert error(found, known) < 0.3
-    assert np.max(np.abs(z)) < 4

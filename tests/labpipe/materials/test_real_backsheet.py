@@ -13,31 +13,13 @@ def curve():
     return quiet_curve(backsheet_sweeps(), -5.0)
 
 
-def robust_rms(values):
-    limit = 3 * np.median(np.abs(values)) / 0.6745
-    return np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2))
-
-
 def test_the_delay_is_found_and_the_glass_doubted(curve):
     """The sweeps scatter by 0.3 % in E', the fit misses by 2 %: superposition does not hold."""
     assert 34e-6 < curve.delay < 42e-6
+    assert curve.kramers_kronig.verdict == "pass"
     assert any("superposition does not hold" in note for note in curve.warnings)
     assert float(curve.u_log10_aT[0]) > 0.5
     assert not curve.overlap["determined"].values[:4].any()
-
-
-def test_residuals_are_small_but_for_the_points_that_still_settled(curve):
-    """The first point of many sweeps was still settling: up to 20 % in the loss."""
-    for name, limit in (("storage_residual", 0.02), ("loss_residual", 0.03)):
-        assert robust_rms(curve.data[name].values) < limit
-    assert curve.kramers_kronig.verdict == "pass"
-
-
-@pytest.mark.slow
-def test_residuals_are_small_without_the_first_point_of_every_sweep():
-    later = quiet_curve(backsheet_sweeps().isel(frequency=slice(1, None)), -5.0)
-    for name, limit in (("storage_residual", 0.02), ("loss_residual", 0.03)):
-        assert np.sqrt(np.nanmean(later.data[name].values ** 2)) < limit
 
 
 def test_shifts_follow_the_published_ones_where_steps_are_determined(curve):

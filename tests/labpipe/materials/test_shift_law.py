@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
 from labpipe.materials import arrhenius, wlf
 from labpipe.materials._shift_law import fit_law
 
@@ -15,11 +14,6 @@ def test_arrhenius_gains_one_decade_where_the_formula_says():
     kelvin = 1 / (1 / 298.15 + np.log(10) * 8.314462618 / 100e3)
     assert law.log10_aT(kelvin - 273.15) == pytest.approx(1.0, rel=1e-9)
     assert law.activation_energy == 100e3
-
-
-def test_wlf_beyond_its_pole_is_refused():
-    with pytest.raises(InputError, match=r"pole lies at -71.6 °C"):
-        wlf(17.44, 51.6, -20.0).log10_aT(-80.0)
 
 
 @pytest.mark.parametrize("C2", [60.0, 250.0, 1e5])
@@ -40,8 +34,3 @@ def test_stated_uncertainty_is_the_scatter_of_refits():
         assert np.median([getattr(fit, stated) for fit in fits]) == pytest.approx(scatter, rel=0.2)
     chi = np.mean([fit.chi_square / fit.freedom for fit in fits])
     assert chi == pytest.approx(1.0, abs=0.15)
-
-
-def test_equal_temperatures_do_not_break_the_fit():
-    found = fit_law("wlf", np.full(4, 20.0), np.zeros(4), np.eye(4), 20.0)
-    assert np.isfinite(found.parameters).all()

@@ -10,7 +10,7 @@ import xarray as xr
 
 import labpipe as lp
 from labpipe.errors import InputError
-from labpipe.materials import Prony, load, loading_of
+from labpipe.materials import Prony, loading_of
 
 ACRYLIC = Path(__file__).parents[3] / "sample_data/thesis-small/dma/acrylic_dma.csv"
 
@@ -61,13 +61,6 @@ def test_repr_verdict_and_law_are_those_of_the_report(readings):
 def test_a_mode_that_contradicts_the_headings_is_warned_of(readings):
     with pytest.warns(UserWarning, match='mode = "tension", but the readings have a column "Shear Strain"'):
         lp.master_curve(readings, nu=0.35, mode="tension", vertical="none", delay=False)
-
-
-def test_other_names_of_the_materials_are_known():
-    pairs = {"PMMA": "acrylic", "Teflon": "ptfe", "PA": "nylon", "PA 66": "nylon"}
-    assert all(load(other) == load(name) for other, name in pairs.items())
-    with pytest.raises(InputError, match='no material "PVC"'):
-        load("PVC")
 
 
 @pytest.mark.parametrize(("name", "units"), [("relaxation_modulus", "Pa"), ("creep_compliance", "1/Pa")])

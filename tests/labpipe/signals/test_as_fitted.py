@@ -16,8 +16,8 @@ def simulated() -> xr.Dataset:
     return contact.drop("ptfe", 9.525e-3, 0.505, 7e-3, 0.12, times=times)
 
 
-def fitted(made: xr.Dataset, count: int, lasts: np.ndarray | None = None) -> xr.Dataset:
-    lasts = made["contact_duration"].values if lasts is None else lasts
+def fitted(made: xr.Dataset, count: int) -> xr.Dataset:
+    lasts = made["contact_duration"].values
     options = {"noise": _NOISE, "gravity": 9.81, "u_gravity": 0.01, "contact": "polymer"}
     return signals.as_fitted(made["displacement"], made["impact_time"].values[: lasts.size], lasts, count, **options)
 
@@ -50,11 +50,6 @@ def test_records_scatter_about_it_and_not_about_the_truth(
     mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(_RECORDS)
     # The 99.9 % point of Student's t with seven degrees of freedom.
     assert np.all(np.abs(mean - seen[name].values) < 5.4 * error)
-
-
-def test_an_impact_without_a_lift_off_has_no_values(simulated: xr.Dataset) -> None:
-    short = fitted(simulated, 2, np.array([simulated["contact_duration"].values[0], np.nan]))
-    assert np.isfinite(short["penetration"].values).tolist() == [True, False]
 
 
 def test_a_flight_that_ends_in_a_contact_without_lift_off_does_not_spoil_the_impact_before() -> None:

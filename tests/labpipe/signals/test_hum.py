@@ -74,5 +74,3 @@ def test_a_hum_survives_being_written_and_another_unit() -> None:
     assert again is not None
     assert np.array_equal(again.at(_TIME), hum.at(_TIME))
     assert hum.scaled(-3.0).at(_TIME) == pytest.approx(-3.0 * hum.at(_TIME))
-    assert np.abs(hum.scaled(-3.0).modes(_TIME)) == pytest.approx(3.0 * np.abs(hum.modes(_TIME)))
-    assert Hum.of_text(None) is None

@@ -63,15 +63,6 @@ def test_elastic_impact_is_recovered(rate):
     assert np.sqrt(np.mean(np.square(z))) < 1.4
 
 
-def test_unmodelled_vibration_enlarges_the_uncertainty():
-    time, position, end, _ = hertz(0.17, 50e3, 0)
-    vibration = 5e-6 * np.sin(2 * np.pi * 900 * time)
-    quiet = fit_impact(time, position, 1e-6, (0.0, end), GRAVITY, 1e-3)
-    shaken = fit_impact(time, position + vibration, 1e-6, (0.0, end), GRAVITY, 1e-3)
-    assert shaken.chi_square > 5
-    assert shaken.covariance[0, 0] > 4 * quiet.covariance[0, 0]
-
-
 _RHO = np.logspace(-7.0, 1.0, 33)
 BALLS = {
     # a rubber in its transition: the modulus falls as t^-0.4 while the sphere is met

@@ -71,18 +71,6 @@ def test_stiffness_and_lag_of_a_lossy_solid_behind_a_filter(lag):
     assert fit.loss_stiffness == pytest.approx(2e4 * np.sin(lag), abs=20)
 
 
-def test_uneven_stage_does_not_blur_the_lag():
-    # The force follows whatever the stage does; only its own noise makes the lag uncertain.
-    random = np.random.default_rng(2)
-    time = np.arange(0.0, 20.0, 0.01)
-    wobble = lfilter([1], [1, -0.95], 0.003 * random.standard_normal(2000))
-    position = 1e-4 * (np.sin(2 * np.pi * 0.5 * time) + wobble)
-    fit = common_fit(time, position, 2e4 * position + 1e-4 * random.standard_normal(2000))
-    assert fit.position.u_phase > 50 * fit.u_phase_lag
-    assert fit.u_phase_lag < 1e-5
-    assert abs(fit.phase_lag) < 5 * fit.u_phase_lag + 1e-7
-
-
 def test_damped_vibration_and_its_uncertainties():
     random = np.random.default_rng(0)
     time = np.arange(1500) / 20e3
@@ -144,16 +132,6 @@ def test_loop_area_is_that_of_the_ellipse_at_any_phase_sampling_and_drift(n_per_
     found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2) - 0.05 * time + 20, 1.0)
     np.testing.assert_allclose(found.mean(), np.pi * 2e-4 * np.sin(0.2), rtol=5e-3 if n_per_cycle == 9 else 1e-3)
     assert found.size == 12
-
-
-def test_rest_before_and_after_the_motion():
-    time = np.arange(0.0, 14.0, 0.01)
-    moving = (time >= 1.0) & (time < 11.0)
-    position = np.where(moving, 1e-4 * np.sin(2 * np.pi * (time - 1.0)), 0.0) + 1e-3
-    found = active_window(time, np.round(position, 7))
-    assert found.start == pytest.approx(1.0, abs=0.03)
-    assert found.end == pytest.approx(11.0, abs=0.03)
-    assert found.frequency == pytest.approx(1.0, rel=1e-4)
 
 
 def test_no_motion_and_too_few_cycles_are_refused():

@@ -38,16 +38,6 @@ def test_the_closed_form_comes_back_and_the_second_blow_is_left_out() -> None:
     assert 0.7 < found.chi_square < 1.3
 
 
-@pytest.mark.parametrize("factor", [3.0, 1e-3])
-def test_scale_changes_the_amplitude_alone(factor: float) -> None:
-    time, moved = record()
-    plain = ringing(time, moved, **SURE)
-    scaled = ringing(time, factor * moved, **SURE)
-    assert scaled.fit.amplitude == pytest.approx(factor * plain.fit.amplitude, rel=1e-6, abs=0.0)
-    assert scaled.fit.frequency == pytest.approx(plain.fit.frequency, rel=1e-7)
-    assert scaled.blow_time == pytest.approx(plain.blow_time, abs=1e-8)
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
