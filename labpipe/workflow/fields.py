@@ -188,7 +188,9 @@ def found(value: Any) -> str:
     if isinstance(value, int | float):
         text = repr(value)
         return text if len(text) <= 60 else f"a number of {len(text)} digits"
-    return {dict: "a table", list: "a list"}.get(type(value), f"a {type(value).__name__}")
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    return f"a {type(value).__name__}"
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
