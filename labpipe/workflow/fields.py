@@ -66,9 +66,7 @@ def is_gap(value: Any) -> bool:
     >>> is_gap("FILL mm"), is_gap("calibration/FILL.toml"), is_gap("filled"), is_gap(1.5)
     (True, True, False, False)
     """
-    return isinstance(value, str) and (
-        value == GAP or value.startswith(f"{GAP} ") or value.rpartition("/")[2].partition(".")[0] == GAP
-    )
+    return isinstance(value, str) and GAP in (value.partition(" ")[0], value.rpartition("/")[2].partition(".")[0])
 
 
 POSITIVE = Range(above=0.0)
