@@ -1,11 +1,9 @@
 """The only module that writes files, with the checks of names and contents.
 
-A file is written under a temporary name in its own folder, read back and compared, flushed to the
-disk and only then renamed; so a kill or a full disk leaves the old file or the new one, never a
-part of one. A lock is held by the operating system and ends with its process.
-
-Nothing numerical is imported here; the netCDF side lives in :mod:`labpipe.netcdf` and is loaded
-when a Dataset is written or read.
+A file is written under a temporary name in its own folder, read back and compared, flushed to the disk and only then
+renamed; so a kill or a full disk leaves the old file or the new one, never a part of one. A lock is held by the
+operating system and ends with its process. The netCDF side is :mod:`labpipe.netcdf`, imported when a Dataset is written
+or read; nothing numerical is imported here.
 """
 
 import contextlib
@@ -125,10 +123,10 @@ def append_line(path: str | os.PathLike[str], text: str) -> None:
 
 @contextlib.contextmanager
 def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
-    """Make a file that grows during a measurement, so that a kill loses no reading.
+    """Make a file that grows during a measurement, locked as by :func:`lock`, so that a kill loses no reading.
 
     Yields a function that appends text. It is with the operating system when the call returns, and on the disk at
-    least every second in which something is appended. The file is locked as by :func:`lock`.
+    least every second in which something is appended.
 
     Raises StorageError: there is no space, or no permission, or a file of that name exists.
     """
@@ -293,11 +291,10 @@ def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
 
 @contextlib.contextmanager
 def lock(path: str | os.PathLike[str], *, shared: bool = False, wait: bool = True) -> Iterator[bool]:
-    """Hold a lock of the operating system on a file while the block runs.
+    """Hold a lock of the operating system on a file while the block runs; it ends with its process.
 
-    The lock ends with its process, however that ends; the file, which is made when missing, stays and means nothing.
-    A ``shared`` one lets other shared holders in at the same time. Yields whether it is held; always true with
-    ``wait``. Raises StorageError where the file cannot be made.
+    The file is made when missing, stays, and means nothing. A ``shared`` lock lets other shared holders in. Yields
+    whether it is held; always true with ``wait``. Raises StorageError where the file cannot be made.
     """
     target = Path(path)
     try:
@@ -372,8 +369,7 @@ def _sealed(body: bytes) -> bytes:
 class HashIndex:
     """Digests of files, remembered in an index as long as their stamps stay the same; a damaged index is empty.
 
-    A stamp is size, times [ns] and inode. No program can set the inode's change time back; so new content under an old
-    modification time is noticed.
+    A stamp is size, times [ns] and inode; the change time of an inode shows new content under an old modification time.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

@@ -176,10 +176,8 @@ class Checker:
         if is_nested and value and not any(isinstance(item, list) for item in value):
             return self.report(place, f"expected {describe(kind)}, found {str(value)[:60]}: brackets are missing")
         is_fixed = origin is tuple and arguments[-1] is not Ellipsis
-        least = getattr(mark(marks, msgspec.Meta), "min_length", None) or 0
-        if len(value) < least or (is_fixed and len(value) != len(arguments)):
-            expected = f"{len(arguments)} items" if is_fixed else f"at least {least} item{'s' * (least != 1)}"
-            return self.report(place, f"expected {expected}, found {len(value)}")
+        if is_fixed and len(value) != len(arguments):
+            return self.report(place, f"expected {len(arguments)} items, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
         items = [self.value(t, v, (*place, i)) for i, (t, v) in enumerate(zip(of, value, strict=True))]
         for i, name in enumerate(value if is_of_files else ()):
@@ -187,6 +185,9 @@ class Checker:
                 items[i] = self.report((*place, i), f'"{name}" is listed twice; remove one')
         if any(item is _BAD for item in items):
             return _BAD
+        least = getattr(mark(marks, msgspec.Meta), "min_length", None) or 0
+        if len(items) < least:  # after its items, which may be still to come
+            return self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(items)}")
         return tuple(items) if origin is tuple else items
 
     def _matching(self, pattern: str) -> list[str]:
@@ -202,10 +203,10 @@ class Checker:
         if not isinstance(value, str):
             raise InputError(f"expected the name of a file, found {found(value)}")
         is_of_laboratory = not isinstance(place[-1], int) and self.document.written(place)[:1] == (LABORATORY,)
-        place_on_disk = safe_join((is_of_laboratory and self.laboratory) or self.root, value)
-        if is_of_laboratory and place_on_disk.exists():
-            return relative(place_on_disk, self.root)
-        if not place_on_disk.exists() and not self.may_wait:
+        path = safe_join((is_of_laboratory and self.laboratory) or self.root, value)
+        if is_of_laboratory and path.exists():
+            return relative(path, self.root)
+        if not path.exists() and not self.may_wait:
             # files that a user may have meant; labpipe's own folder is not among them
             names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))
             near = suggest(value, [name for name in names if not name.startswith("labpipe/")])
@@ -213,13 +214,10 @@ class Checker:
             raise InputError(f'there is no file "{value}" in the session folder{advice}')
         if self.gaps is not None and value.endswith(".toml"):
             with contextlib.suppress(OSError, UnicodeDecodeError):  # a record that cannot be read is refused later
-                is_short = place_on_disk.stat().st_size <= LARGEST_FILE
-                lines = place_on_disk.read_text("utf-8").splitlines() if is_short else []
-                matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
-                line = self.document.line(place)
-                self.gaps |= {
-                    f"{value}:{number}: {match[1]}: to be filled in": line for number, match in matches if match
-                }
+                lines = path.read_text("utf-8").splitlines() if path.stat().st_size <= LARGEST_FILE else []
+                for number, line in enumerate(lines, 1):
+                    if (match := _GAP_LINE.match(line)) is not None:
+                        self.gaps[f"{value}:{number}: {match[1]}: to be filled in"] = self.document.line(place)
         return value
 
 

@@ -35,8 +35,7 @@ Place = tuple[str | int, ...]
 class Document:
     """A TOML file as a tree, with the line of every value, and of the mistakes found so far.
 
-    ``origin`` has the places of values that were taken from another table, such as defaults, and where they were
-    written.
+    ``origin`` has where values were written that stand at their places from another table, such as defaults.
     """
 
     path: Path
@@ -113,10 +112,10 @@ def parse(path: Path, text: str | None = None) -> Document:
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise refuse(1, f"cannot be read as TOML: {error}") from None
-    if any(len(place) > DEEPEST for place, _ in placed(tree)):
-        raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
     document = Document(path, tree, line_index(text))
     for place, node in placed(tree):
+        if len(place) > DEEPEST:
+            raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
         if isinstance(node, float) and not math.isfinite(node):
             document.report(place, f"expected a finite number, found {node}")
     return document

@@ -118,20 +118,18 @@ def without_excluded(settings: S) -> S:
 
 
 def _left(table: S, whole: set[str]) -> S:
+    """Leave files out of the lists of a table and of the tables in it."""
+    values = {info.name: getattr(table, info.name) for info in fields_of(type(table))}
     changed: dict[str, Any] = {}
-    for info in fields_of(type(table)):
-        value = getattr(table, info.name)
+    for name, value in values.items():
         if isinstance(value, msgspec.Struct):
-            changed[info.name] = _left(value, whole)
-        elif isinstance(value, list) and all(isinstance(item, str) for item in value):
-            stays = [item not in whole for item in value]
-            if not all(stays):
-                for other in fields_of(type(table)):
-                    beside = getattr(table, other.name)
-                    is_of_each = isinstance(beside, list) and len(beside) == len(value)
-                    if other is info or (is_of_each and all(isinstance(item, Quantity) for item in beside)):
-                        changed[other.name] = [item for item, stay in zip(beside, stays, strict=True) if stay]
+            changed[name] = _left(value, whole)
+        elif isinstance(value, list) and all(isinstance(item, str) for item in value) and whole & {*value}:
+            for other, beside in values.items():
+                is_of_each = isinstance(beside, list) and len(beside) == len(value)
+                if other == name or (is_of_each and all(isinstance(item, Quantity) for item in beside)):
+                    changed[other] = [item for item, file in zip(beside, value, strict=True) if file not in whole]
         elif isinstance(value, list) and all(isinstance(item, msgspec.Struct) for item in value):
             items = [(item, _left(item, whole)) for item in value]
-            changed[info.name] = [new for old, new in items if any(files_of(new)) or not any(files_of(old))]
+            changed[name] = [new for old, new in items if any(files_of(new)) or not any(files_of(old))]
     return msgspec.structs.replace(table, **changed)

@@ -66,9 +66,7 @@ def is_gap(value: Any) -> bool:
     >>> is_gap("FILL mm"), is_gap("calibration/FILL.toml"), is_gap("filled"), is_gap(1.5)
     (True, True, False, False)
     """
-    return isinstance(value, str) and (
-        value == GAP or value.startswith(f"{GAP} ") or value.rpartition("/")[2].partition(".")[0] == GAP
-    )
+    return isinstance(value, str) and GAP in (value.partition(" ")[0], value.rpartition("/")[2].partition(".")[0])
 
 
 POSITIVE = Range(above=0.0)
@@ -188,7 +186,9 @@ def found(value: Any) -> str:
     if isinstance(value, int | float):
         text = repr(value)
         return text if len(text) <= 60 else f"a number of {len(text)} digits"
-    return {dict: "a table", list: "a list"}.get(type(value), f"a {type(value).__name__}")
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    return f"a {type(value).__name__}"
 
 
 def suggest(word: str, known: Iterable[str]) -> str:

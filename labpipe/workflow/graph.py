@@ -279,33 +279,31 @@ def arguments(
     """
     made = []
     for text in inputs:
-        slots: list[TaskId | str | None] = []
         if text.startswith(FILE):
             field = text.removeprefix(FILE)
             is_own = recording is not None and field == over
             value = recording if is_own else field_value(experiment.settings, field)
-            slots, is_list = list(_names(value)), isinstance(value, list | tuple)
-        elif not text.startswith(OTHER):
-            taken = next(s for s in stages[experiment.kind] if s.name == text)
-            is_own = recording is not None and taken.per == "recording"
-            each = (recording,) if is_own else recordings(experiment, taken)
-            slots = [TaskId(experiment.name, text, one) for one in each]
-            is_list = taken.per == "recording" and not is_own
-        else:
-            field, name = text.removeprefix(OTHER).split("/")
-            named = list(_ends(experiment.settings, field.split(".")))
-            is_list = is_through_list = not named or any("[" in place for place, _ in named)
-            for place, other in named:
-                if not isinstance(other, str):  # a table or a name is absent
-                    slots += [None] * is_through_list
-                    continue
-                source = session.experiments[other.removeprefix(REFERENCE)]
-                known = {s.name: s for s in stages[source.kind]}
-                if name not in known:
-                    problem = f'"{source.name}" of kind "{source.kind}" has no stage "{name}"{suggest(name, known)}'
-                    raise _mistake(experiment, place, problem)
-                slots += [TaskId(source.name, name, one) for one in recordings(source, known[name])]
-                is_list |= known[name].per == "recording"
+            made.append(Argument(text, _names(value), isinstance(value, list | tuple)))
+            continue
+        field, _, name = text.removeprefix(OTHER).rpartition("/")
+        # a stage of the same experiment, or of those that a field names
+        named = list(_ends(experiment.settings, field.split("."))) if field else [("", experiment.name)]
+        is_list = is_through_list = not named or any("[" in place for place, _ in named)
+        slots: list[TaskId | str | None] = []
+        for place, other in named:
+            if not isinstance(other, str):  # a table or a name is absent
+                slots += [None] * is_through_list
+                continue
+            source = session.experiments[other.removeprefix(REFERENCE)]
+            known = {s.name: s for s in stages[source.kind]}
+            if name not in known:
+                problem = f'"{source.name}" of kind "{source.kind}" has no stage "{name}"{suggest(name, known)}'
+                raise _mistake(experiment, place, problem)
+            is_each = known[name].per == "recording"
+            is_own = is_each and recording is not None and not field
+            each = (recording,) if is_own else recordings(source, known[name])
+            slots += [TaskId(source.name, name, one) for one in each]
+            is_list |= is_each and not is_own
         made.append(Argument(text, tuple(slots), is_list))
     return tuple(made)
 

@@ -5,7 +5,7 @@ files and the keys of the other inputs. Equal key, equal result.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,8 @@ _MOST_REASONS = 3
 class Key:
     """A task's key with its ingredients; ``value`` is None when a file cannot be read.
 
-    ``kept`` names the changed code since the result was made, where an earlier result
-    is taken as it is; the key is then that of the earlier one, ``taken_for`` the present one.
+    Where an earlier result is ``kept`` this names the code that has changed since; the key is then that of the earlier
+    one, ``taken_for`` the present one.
     """
 
     value: str | None
@@ -50,8 +50,7 @@ class Key:
 class Row:
     """One task of a plan.
 
-    ``state`` is ``cached`` (nothing to do), ``kept`` (of earlier code, and taken as it is),
-    ``will run``, or ``waits`` (it will run after another).
+    ``state`` is ``cached`` (nothing to do), ``kept`` (of earlier code), ``will run``, or ``waits`` (for another).
     """
 
     experiment: str
@@ -127,25 +126,13 @@ def plan(
 ) -> Plan:
     """Plan a run of a session, of which ``stages`` has those of every kind.
 
-    Parameters
-    ----------
-    targets : iterable of str or TaskId, optional
-        Stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, or tasks; default all.
-    only : iterable of str, optional
-        Experiments whose results are wanted; default all. Results of others that they need are made too.
-    full : bool
-        Plan for a run without shortcuts.
-    keep : bool or None
-        Take results of earlier code as they are; with None, those that an earlier run took.
-    store : Store, optional
-        That of the session, where it is open already.
+    ``targets`` are stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, or tasks, and ``only`` the
+    experiments; by default all. Results of others that they need are made too. ``full`` plans without shortcuts.
+    ``keep`` takes results of earlier code as they are; None, those that an earlier run took. ``store`` is that of the
+    session, where it is open already.
 
-    Raises
-    ------
-    UsageError
-        A target or an experiment is unknown.
-    ConfigError, InputError
-        The experiments, or the stages, do not fit together.
+    Raises UsageError: a target or an experiment is unknown; ConfigError, InputError: the experiments, or the stages, do
+    not fit together.
     """
     store = store or Store(session.folder)
     tasks = spell_out(session, stages)
@@ -176,14 +163,10 @@ def plan(
         inputs = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
         waiting += [one for one in inputs if states[one] != "stored" and one not in needed]
     rows = []
-    first: dict[str | None, TaskId] = {}
     for name, task in tasks.items():
         if name in needed:
             last = latest(name.experiment).get(name[1:])
-            row = _row_to_run(store, last, task, keys[name], states[name], needed)
-            other = first.setdefault(keys[name].value, name)
-            is_shared = other.experiment != name.experiment and keys[name].value is not None
-            rows.append(replace(row, reason=f"shared with {other.experiment}") if is_shared else row)
+            rows.append(_row_to_run(store, last, task, keys[name], states[name], needed))
         elif states[name] == "stored":
             changed = keys[name].kept
             rows.append(Row(*name, KEPT if changed else CACHED, code_changed(changed), task.stage.summary))

@@ -42,13 +42,10 @@ def git_state(folder: Path) -> str | None:
 def of_task(
     about_program: Mapping[str, Any], tasks: Mapping[TaskId, Task], keys: Mapping[TaskId, Key], task_id: TaskId
 ) -> dict[str, Any]:
-    """Say everything that one result depends on.
+    """Return everything that one result depends on.
 
-    Returns
-    -------
-    dict
-        ``program``; ``stage`` and ``key``; ``parameters`` of the stage; ``stages``: digest of the
-        code of every stage behind it; ``inputs``: name, size and SHA-256 of every raw file.
+    ``program``; ``stage``, ``key`` and ``parameters``; ``stages``: digest of the code of every stage behind it;
+    ``inputs``: name, size and SHA-256 of every raw file.
     """
     task, key = tasks[task_id], keys[task_id]
     behind = [*ancestors(tasks, task_id), task_id]

@@ -63,18 +63,16 @@ class Results:
         key = self.plan.keys[task].value
         if row.state not in READY or key is None:
             raise InputError(f"{task} has no up-to-date result ({row.reason}); run labpipe process first")
-        store, is_page = Store(self.plan.session.folder), self.plan.tasks[task].stage.output == "page"
-        if is_page or isinstance(found := store.read(key), str):
+        if self.plan.tasks[task].stage.output == "page":
             raise InputError(f"{task} is a page; open it in a browser")
-        return found
+        return Store(self.plan.session.folder).read(key)  # type: ignore[return-value]
 
     def values(self, arguments: Sequence[Argument]) -> list[Any]:
         """Return the arguments of a function: Datasets and paths, lists of them, or None."""
-
-        def value(slot: TaskId | str) -> Any:
-            return self.plan.session.files / slot if isinstance(slot, str) else self.result(*slot)
-
-        return [argument.arranged(value) for argument in arguments]
+        files = self.plan.session.files
+        return [
+            a.arranged(lambda slot: files / slot if isinstance(slot, str) else self.result(*slot)) for a in arguments
+        ]
 
 
 def open_result(

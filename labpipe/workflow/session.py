@@ -80,9 +80,8 @@ class Creator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class Session(ShownAsTable):
     """A session folder and everything that its ``session.toml`` says.
 
-    ``experiments`` are complete; ``waiting`` are those with values still to come or to be
-    corrected, each with the lines that it waits for. ``archive`` holds the files of a session whose
-    ``session.toml`` and results lie elsewhere.
+    ``waiting`` are experiments with values still to come or to be corrected, each with the lines that it waits for;
+    ``archive`` holds the files of a session whose ``session.toml`` and results are elsewhere.
     """
 
     root: Path
@@ -164,34 +163,18 @@ def load(
     text: str | None = None,
     fill: Callable[[Document, Path], object] = lambda document, root: None,
 ) -> Session:
-    """Read a session folder's ``session.toml``.
+    """Read the ``session.toml`` of a session folder; ``kinds`` has the settings structure of every kind of experiment.
 
-    Parameters
-    ----------
-    path : Path or str
-        The folder or the file.
-    kinds : mapping
-        Settings structure of every kind of experiment, by its name.
-    may_wait, may_lack : bool, collection of str
-        Take names of files that are not there yet, as while a session is recorded; or any more, in these experiments.
-    text : str, optional
-        Content that the file would have, to be checked before it is written.
-    fill : callable
-        Called with the document and its folder; may put values from elsewhere into the tree.
+    Everything is checked: types, units, ranges, names, and that every file exists inside the folder. Experiments with
+    values still to come (``"FILL mm"``), here or in a record that they name, or with a mistake of their own, wait, and
+    so do those that refer to them.
 
-    Returns
-    -------
-    Session
-        Everything checked: types, units, ranges, names, and that every file exists inside the folder. Experiments with
-        values still to come (``"FILL mm"``), here or in a record that they name, or with a mistake of their own, wait,
-        and so do those that refer to them.
+    ``may_wait`` takes names of files that are not there yet, as while a session is recorded; ``may_lack`` are the
+    experiments whose files need not be there any more. ``text`` is a content to be checked before it is written.
+    ``fill`` is called with the document and its folder, and may put values from elsewhere into the tree.
 
-    Raises
-    ------
-    SourceError
-        There is no such file.
-    ConfigError
-        With every mistake and its line: one belongs to no single experiment, or all of them wait.
+    Raises SourceError: there is no such file; ConfigError, with every mistake and its line: one belongs to no single
+    experiment, or all of them wait.
     """
     source = Path(path, FILE_NAME) if Path(path).is_dir() else Path(path)
     if text is None and not source.is_file():

@@ -1,9 +1,8 @@
 """Process experiments while a session is still being recorded, each as soon as it is complete.
 
-A program on a network share is not notified when a file is closed, so the folder is looked at again
-and again. A file counts as complete when its size and time have stayed the same over several looks
-and its own content says so; an experiment, when all its files do, and those of the experiments
-that it refers to. Results are in the store; a watcher that is started again finds them there.
+A network share does not say when a file is closed, so the folder is looked at again and again. A file is complete when
+its size and time have stayed the same over several looks and its own content says so; an experiment, when all its files
+are, and those of the experiments that it refers to. A watcher that is started again finds the results in the store.
 """
 
 import contextlib
@@ -36,9 +35,8 @@ Stamp = tuple[tuple[str, int, int], ...]
 class News:
     """State of one experiment, or of session.toml, at a look at the folder.
 
-    ``state`` is ``waiting`` (a file or a value is missing), ``arriving`` (a file is still changing),
-    ``refused`` (a file that has come to rest is not complete), ``processed``, ``failed``, or
-    ``broken`` (session.toml cannot be used; ``experiment`` is empty).
+    ``state`` is ``waiting`` (a file or a value is missing), ``arriving`` (a file is still changing), ``refused`` (a
+    file at rest is not complete), ``processed``, ``failed``, or ``broken`` (session.toml cannot be used).
     """
 
     experiment: str
@@ -84,10 +82,9 @@ class Settling:
 class Watcher:
     """Looks at a session folder and processes complete experiments.
 
-    ``folder``: the session folder; session.toml may come later; ``kinds``, ``stages``: settings structure and stages of
-    every kind of experiment; ``check``: given an experiment and the path of a file at rest: None when the file is
-    complete by its own content, or the missing part; ``run``: given a session of complete experiments and the name of
-    one: processes it; ``settling``: how long a file must rest; ``fill`` as of :func:`labpipe.workflow.session.load`.
+    ``kinds`` and ``stages`` are those of every kind of experiment. ``check`` is given an experiment and the path of a
+    file at rest, and returns None when the file is complete by its own content, or the missing part. ``run`` is given a
+    session of complete experiments and processes one by name; ``fill`` is as in :func:`labpipe.workflow.session.load`.
     """
 
     folder: Path

