@@ -173,7 +173,7 @@ ROWS = (
     Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),
     Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),
     Mistake("one spike of 3 mm", values(_wild(900, 1, 3.0)), "note", ("spike",)),
-    Mistake("thirty wild readings", values(_wild(900, 30, 1.0), FIRST), "impossible", ("too long to be",), FIRST[0]),
+    Mistake("thirty wild readings", values(_wild(900, 30, 1.0), FIRST), "impossible", ("readings jump",), FIRST[0]),
     Mistake("hum of 5 um", values(lambda x: x + 0.005 * _mains(x)), "note", ("hum",)),
     Mistake("hum of 50 um", values(lambda x: x + 0.05 * _mains(x)), "note", ("hum of 51",)),
     Mistake("resolution 10 um", values(lambda x: np.round(x, 2)), "note", ("resolution",)),

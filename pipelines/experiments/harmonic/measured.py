@@ -136,30 +136,25 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     turned = complex(pushed[0] / moved[0] * np.exp(1j * (lag.phase if lag else 0.0)))
     scatter = float(np.hypot(u_pushed[0] / abs(pushed[0]), u_moved[0] / abs(moved[0])))
     u_turned = _u_of_stiffness(turned, float(np.hypot(scatter, u_gain)), float(np.hypot(scatter, u_filter[1])))
-    waves = {}
+    found = {
+        "frequency": (x.frequency, x.u_frequency),
+        "amplitude": (x.amplitude, x.u_amplitude),
+        "force_amplitude": (f.amplitude, float(np.hypot(f.u_amplitude, u_gain * f.amplitude))),
+        "phase_lag": (fit.phase_lag, u_phase),
+        "storage_stiffness": (storage, u_storage),
+        "loss_stiffness": (loss, u_loss),
+        "fourier_storage_stiffness": (turned.real, u_turned[0]),
+        "fourier_loss_stiffness": (turned.imag, u_turned[1]),
+        "work_per_cycle": (
+            np.pi * loss * x.amplitude**2,
+            float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1)))),
+        ),
+    }
     for name, lines, u_lines in (("harmonic", pushed, u_pushed), ("position_harmonic", moved, u_moved)):
         for n in range(2, _WAVES + 1):
-            waves[f"{name}_{n}"] = float(abs(lines[n - 1] / lines[0]))
-            waves[f"u_{name}_{n}"] = float(u_lines[n - 1] / abs(lines[0]))
-    return waves | {
-        "frequency": x.frequency,
-        "u_frequency": x.u_frequency,
-        "amplitude": x.amplitude,
-        "u_amplitude": x.u_amplitude,
-        "force_amplitude": f.amplitude,
-        "u_force_amplitude": float(np.hypot(f.u_amplitude, u_gain * f.amplitude)),
-        "phase_lag": fit.phase_lag,
-        "u_phase_lag": u_phase,
-        "storage_stiffness": storage,
-        "u_storage_stiffness": u_storage,
-        "loss_stiffness": loss,
-        "u_loss_stiffness": u_loss,
-        "fourier_storage_stiffness": turned.real,
-        "u_fourier_storage_stiffness": u_turned[0],
-        "fourier_loss_stiffness": turned.imag,
-        "u_fourier_loss_stiffness": u_turned[1],
-        "work_per_cycle": np.pi * loss * x.amplitude**2,
-        "u_work_per_cycle": float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1)))),
+            found[f"{name}_{n}"] = float(abs(lines[n - 1] / lines[0])), float(u_lines[n - 1] / abs(lines[0]))
+    return {name: value for name, (value, _) in found.items()} | {
+        **{f"u_{name}": u for name, (_, u) in found.items()},
         "work_sd": spread,
         "loop_area": float(areas.mean()),
         "n_cycles": float(areas.size),

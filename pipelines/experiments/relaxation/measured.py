@@ -5,10 +5,10 @@ import warnings
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy.signal import detrend
 
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
@@ -16,7 +16,7 @@ from labpipe.units import Quantity
 from labpipe.variables import from_rows, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.mach1_readings import filter_delay, relative_gain
+from pipelines.experiments.shared.mach1_readings import relative_gain
 
 _ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
 _LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
@@ -35,7 +35,6 @@ _COLUMNS = {
     "peak_force": ("N", "largest force, as recorded after the cell's filter"),
     "plateau_force": ("N", "mean force over the end of the hold"),
     "unfinished": ("N", "standard uncertainty of the plateau from unfinished relaxation"),
-    "plateau_lag": ("N", "effect of the cell's filter lag that was corrected in the plateau"),
     "begin": ("s", "start of the ramp, in the block's time"),
     "end": ("s", "arrival of the stage, in the block's time"),
     "plateau_begin": ("s", "start of the plateau's window, in the block's time"),
@@ -124,51 +123,33 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     return made.merge(known).assign_attrs(known.attrs, work=json.dumps({"ramps": len(rows)}))
 
 
-class _Level(NamedTuple):
-    """A mean force [N] without the lag of the cell's filter, and its random u.
-
-    ``lag`` [N] is by how much the force would have read lower without the filter; ``u`` includes ``u_lag``.
-    """
-
-    force: float
-    u: float
-    lag: float
-    u_lag: float
-
-
-def _level(loads: xr.Dataset, hold: Hold, middle: float) -> _Level:
-    """Return the mean force over a tenth of a hold about a place in it, 0 to 1, with its random uncertainty."""
+def _level(loads: xr.Dataset, hold: Hold, middle: float) -> tuple[float, float]:
+    """Return the mean force over a tenth of a hold about a place in it, 0 to 1, with its random uncertainty [N]."""
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
     used = np.abs((time - hold.end) / (hold.last - hold.end) - middle) <= 0.5 * _PLATEAU + 1e-9
-    values, since = force[used], time[used] - time[used].mean()
-    slope = float(since @ values / max(float(since @ since), 1e-30))
-    rest = values - values.mean() - slope * since
-    step = float(loads.attrs.get("resolution", 0.0))
-    noise = max(float(rest.std()), step / np.sqrt(12))
-    # the cell's filter ties neighbouring readings together
-    u = noise / np.sqrt(independent_count(rest))
-    if noise < step / 2:
-        u = max(u, step / np.sqrt(12))  # all on one step of the cell: no mean sees between
-    delay = filter_delay(loads)
-    lag = -slope * delay.value  # what falls, reads too high by as much as it falls meanwhile
-    u_lag = abs(slope) * delay.u
-    return _Level(float(values.mean()) - lag, float(np.hypot(u, u_lag)), lag, u_lag)
+    values = force[used]
+    rest = detrend(values)
+    step = float(loads.attrs.get("resolution", 0.0)) / np.sqrt(12)
+    noise = max(float(rest.std()), step)
+    # the cell's filter ties neighbouring readings together; all on one step of the cell no mean sees between
+    u = max(noise / np.sqrt(independent_count(rest)), step if noise < np.sqrt(3) * step else 0.0)
+    return float(values.mean()), float(u)
 
 
 def _row(loads: xr.Dataset, hold: Hold, touch: Quantity) -> dict[str, float]:
     force = loads["force"].values[hold.rows]
     if np.ptp(force) == 0.0:
         raise InputError(f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record")
-    half, later, level = (_level(loads, hold, place) for place in (0.5, 0.75, 1.0 - 0.5 * _PLATEAU))
+    (half, u_half), (later, _), (level, u_level) = (_level(loads, hold, at) for at in (0.5, 0.75, 1 - 0.5 * _PLATEAU))
     # The force at half and at three quarters of the hold shows how fast its fall slows down; a fall that goes on so,
     # each quarter the same share of the one before, ends lower by a known amount: a rectangle of twice this half width.
-    fell, falls = half.force - later.force, later.force - level.force
-    share = float(np.clip(falls / max(fell, half.u, 1e-12), 0.0, _SLOWEST))
-    rest = 2.0 * max(falls, 0.0) * share / (1.0 - share) / float(np.sqrt(3.0))
-    if rest > _UNFINISHED * level.force:
+    falls = max(later - level, 0.0)
+    share = float(np.clip(falls / max(half - later, u_half, 1e-12), 0.0, _SLOWEST))
+    rest = 2.0 * falls * share / (1.0 - share) / float(np.sqrt(3.0))
+    if rest > _UNFINISHED * level:
         warnings.warn(
             f"block {hold.block + 1}: the force is still falling at the end of the hold from {hold.end:.4g} s, by "
-            f"about {50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
+            f"about {50 * np.sqrt(3.0) * rest / level:.1f} % more: the plateau is not relaxed",
             stacklevel=2,
         )
     peak = float(force.max())
@@ -180,11 +161,9 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity) -> dict[str, float]:
         "duration": hold.last - hold.end,
         "peak_force": peak,
         "u_peak_force": float(np.hypot(np.nanmax(loads["u_force"].values), systematic(loads, peak))),
-        "plateau_force": level.force,
-        "u_plateau_force": float(np.hypot(level.u, systematic(loads, level.force))),
+        "plateau_force": level,
+        "u_plateau_force": float(np.hypot(u_level, systematic(loads, level))),
         "unfinished": rest,
-        "plateau_lag": level.lag,
-        "u_plateau_lag": level.u_lag,
         "begin": hold.begin,
         "end": hold.end,
         "plateau_begin": hold.last - _PLATEAU * (hold.last - hold.end),

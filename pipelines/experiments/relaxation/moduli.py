@@ -112,11 +112,9 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
         message = f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch cannot be right"
         raise InputError(message)
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
-    lag, u = float(at["u_plateau_lag"]), float(at["u_plateau_force"])
-    of_force = value / force
+    of_force, noise = value / force, excess_uncertainty(float(at["u_plateau_force"]), systematic(loads, force))
     own = [
-        Source("noise", 0.0, excess_uncertainty(u, systematic(loads, force), lag), "N", of_force, "random"),
-        Source("filter lag", 0.0, lag, "N", -of_force, "systematic"),
+        Source("noise", 0.0, noise, "N", of_force, "random"),
         Source("tare", float(loads["tare"]), float(loads["u_tare"]), "N", -of_force, "systematic"),
         Source("unfinished relaxation", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
     ]

@@ -88,17 +88,14 @@ def _holds(
     for load, curve, compared in zip(loads, curves, comparison, strict=True):
         for i, hold in enumerate(find(load)):
             label, number = _label(tests, number), number + 1
-            means = (curve[name].values[i] for name in ("mean_time", "force", "u_force", "time_spread"))
-            lag, force, u, width = np.array(list(means))[:, np.isfinite(curve["force"].values[i])]
+            means = np.array([curve[name].values[i] for name in ("mean_time", "force", "u_force")])
+            lag, force, u = means[:, np.isfinite(means[1])]
             drawn.append(Series(f"{label}, measured", lag, force, style="points", role="measured"))
             if not is_there(compared):
                 continue
             since = load["time"].values[hold.rows] - hold.end
-            # means over the same readings, to the second order
-            model, wide = (
-                0.5 * sum(np.interp(at, since, compared[f"{of}simulated_force"].values[hold.rows]) for at in ends)
-                for of, ends in (("", (lag - width, lag + width)), ("u_", (lag, lag)))
-            )
+            names = ("simulated_force", "u_simulated_force")
+            model, wide = (np.interp(lag, since, compared[name].values[hold.rows]) for name in names)
             drawn.append(Series(f"{label}, model", lag, model, role="model"))
             gaps.append(Series(label, lag, force - model, role="residual", u=u))
             gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))

@@ -219,7 +219,9 @@ def passed(loads: xr.Dataset, force_values: Floats) -> Floats:
     declared, made = declared_filter(loads), force_values.copy()
     interval = float(np.nanmedian(loads["sampling_interval"].values))
     moving = np.flatnonzero(np.diff(loads["position_z"].values, prepend=np.nan) != 0)
-    for block in np.unique(loads["block"].values) if declared is not None else ():
+    if declared is None:
+        return made
+    for block in np.unique(loads["block"].values):
         where = rows(loads, block)
         inside = moving[(moving >= where.start) & (moving < where.stop)]
         last = int(inside[-1]) if inside.size else where.start

@@ -9,8 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, pairwise
-from math import erf, inf, log, sqrt
+from itertools import combinations
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,6 @@ _FLAT = 6  # equal readings in a row that a moving body does not give
 _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
 _QUIET = 200  # readings at the beginning that should be at rest
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a note, doubtful, impossible
-_CHANCE = 1e-9  # probability of a run of equal readings that is reported
 _BLOCK = 48  # readings that do not repeat by chance
 _WINDOW = 24  # readings in which a lost or doubled one is looked for
 
@@ -187,19 +186,13 @@ def held_readings(trace: Trace) -> Check:
     around = np.abs(x[max(start - 4, 0) : start + longest + 5] - x[start])
     away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
     is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + _IN_NOISE * trace.noise)
-    # noise does not stay on one reading, least of all on the last one that there is
-    is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
-    # of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most
-    stays = erf(step / (sqrt(8.0) * trace.noise)) if trace.noise > 0.0 else 1.0
-    by_chance = log(_CHANCE / x.size) / log(stays) if 0.0 < stays < 1.0 else inf
-    is_cut = is_end and trace.noise > step and longest > by_chance
     is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
-    if longest < _FLAT or not (is_moving or is_cut or is_constant):
+    if longest < _FLAT or not (is_moving or is_constant):
         return trace.seen(name, "no clipped or held readings")
-    until = "until the end" if is_tail else "in the middle of motion"
     cause = _WRONG_CHANNEL if is_constant else _HELD
     if is_tail and not is_constant and x[start] == 0.0:
         cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
+    until = "until the end" if is_tail else "in the middle of motion"
     text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
     return trace.seen(name, text, "impossible", cause)
 
@@ -229,13 +222,7 @@ def _jumps(trace: Trace) -> Check:
         text = f"the readings jump by {quantity(float(steps[worst]), 'm')} at {trace.at(int(known[worst + 1]))}, "
         text += f"{quantity(usual, 'm')} between two readings is usual"
         cause = "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
-        cause += "sensor was moved"
-        for first, after in pairwise(large.tolist()):
-            if abs(float(x[after + 1] - x[first])) < 0.5 * abs(float(steps[first])):
-                run = f"readings {known[first + 1] + 1}-{known[after] + 1}"
-                text += f"; {run} leave the record and return to it"
-                cause = f"{run} are a disturbance of the sensor, too long to be left out"
-                break
+        cause += "sensor was moved or disturbed"
         return trace.seen(name, text, "impossible", cause)
     if not trace.outliers:
         return trace.seen(name, "no jump and no spike")

@@ -1,16 +1,13 @@
 """Checks of a static loading: steps and times of the loads, one creep law, stiffness, and the record itself."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from math import hypot, log, log10, nan, sqrt
+from math import hypot, log, nan, sqrt
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import minimize_scalar
 
-from labpipe.arrays import Flags, Floats
-from labpipe.judging import SLIPS, Cause, Check, Level, compared, in_words, not_made, stated, too_large
+from labpipe.judging import SLIPS, Cause, Check, Level, compared, fitted_errors, in_words, not_made, stated, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -20,15 +17,7 @@ from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
-from pipelines.experiments.static_loading.load_steps import (
-    SIDE,
-    best_touch,
-    clear_steps,
-    creep_design,
-    creep_fit,
-    settled,
-    valid,
-)
+from pipelines.experiments.static_loading.load_steps import SIDE, clear_steps, creep_design, creep_fit, settled, valid
 from pipelines.experiments.static_loading.model import of_material
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -38,9 +27,9 @@ _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
 _OTHER_GRADE, _NO_GRADE = 3.0, 30.0  # factors between moduli of one polymer that are much, that are too much
 _DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
 _SAME = 0.1  # by which the times of the loads may scatter about one factor
-_ROWS, _FREED, _LEFT = 240, 20.0, 0.3
-"""Readings that are enough to distinguish mistakes; factor by which a load may be wrong; part of the misfit beyond the
-noise that a mistake may leave."""
+_ROWS, _FREE, _LEFT = 240, 1e4, 0.3
+"""Readings that are enough to distinguish mistakes; noises by which the fit is free; part of the misfit that a mistake
+may leave."""
 _LENGTHS = (1e3, 1e-3, 10.0, 0.1, 25.4, 1 / 25.4)
 """Fewer than other kinds look for: a mass in another unit looks like a length that is 100 times too large."""
 _FAILED = dict.fromkeys(("steps", "approach"), "the record does not hold the loads that session.toml states")
@@ -153,47 +142,36 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
 
 
 def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> tuple[str, str]:
-    """Free one load, or a drift under one load, at a time; return the mistake that fits best, and its setting."""
+    """Return the load, or the drift under one load, that explains most of the misfit, and its setting."""
     time, moved = valid(displacement)
     used = np.flatnonzero(settled(time, steps, settings))
     used = used[:: max(used.size // _ROWS, 1)]
-    elapsed, readings, radius = time[used], moved[used], settings.sphere.radius.value
-    force, begin, end = (steps[name].values for name in ("force", "begin", "end"))
-
-    def misfit(forces: Floats, rows: Floats) -> float:
-        if not (np.diff(forces, prepend=0.0) > 0.0).all():
-            return np.inf
-        design, _ = creep_design(elapsed, steps.assign(force=("load", forces)), radius)
-        return creep_fit(rows, design, best_touch(rows, design))[1]
-
-    def with_load(which: Flags, decade: float) -> float:
-        return misfit(np.where(which, 10.0**decade, force), readings)
-
-    def drifted(share: Floats, by: float) -> float:
-        return misfit(force, readings - by * share)
-
-    def freed(change: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-        options = {"xatol": 1e-3 * (high - low)}
-        found = minimize_scalar(change, bounds=(low, high), method="bounded", options=options)
-        return float(found.fun), float(found.x)
-
-    found: list[tuple[float, str, str]] = []
-    extent, gravity = 0.3 * float(np.ptp(readings)), settings.model.gravity.value
-    for i, load in enumerate(settings.loads):
-        low = max(1.01 * force[i - 1] if i else 0.0, force[i] / _FREED)
-        high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
-        share, mass = np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0), f"{load.mass.value:g} kg"
-        left, decade = freed(partial(with_load, np.arange(force.size) == i), log10(low), log10(high))
-        said = f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {mass}: all others fit the record then"
-        found.append((left, f"{said} (loads in session.toml)", f"loads[{i}].mass"))
-        left, way = freed(partial(drifted, share), -extent, extent)
-        said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({mass}) was held: the "
-        found.append((left, f"{said}temperature changed, or the stand settled", ""))
-    noise = float(steps["noise"]) ** 2 * used.size
-    left, cause, setting = min(found)
-    if left - noise < _LEFT * (misfit(force, readings) - noise):
-        return cause, setting
-    return "a load, a time or the zero is wrong, or something other than the contact moved", ""
+    elapsed, force, radius = time[used], steps["force"].values, settings.sphere.radius.value
+    depth = np.maximum(moved[used] - float(steps["touch"]), 1e-9)
+    design, _ = creep_design(elapsed, steps, radius)
+    weights, _ = creep_fit(moved[used], design, float(steps["touch"]))
+    steep = 1.5 * np.sqrt(depth)
+    # of each load alone: the design is linear in the forces
+    alone = [creep_design(elapsed, steps.assign(force=("load", one)), radius)[0] for one in np.diag(force)]
+    spans = zip(steps["begin"].values, steps["end"].values, strict=True)
+    shares = [np.clip((elapsed - begin) / (end - begin), 0.0, 1.0) for begin, end in spans]
+    slopes = -np.column_stack([*(each @ weights / steep for each in alone), *shares])
+    free = np.column_stack([np.ones(used.size), design / steep[:, None]])  # first touch and creep
+    free *= _FREE / np.abs(free).max(axis=0)
+    covariance = float(steps["noise"]) ** 2 * (np.eye(used.size) + free @ free.T)
+    errors, explained = fitted_errors((depth**1.5 - design @ weights) / steep, slopes, covariance)
+    best = int(np.argmax(explained))
+    i = best % force.size
+    load = settings.loads[i].mass.value
+    if explained[best] < 1.0 - _LEFT:
+        return "a load, a time or the zero is wrong, or something other than the contact moved", ""
+    if best == i:
+        said = (
+            f"load {i + 1} is probably about {load * (1.0 - errors[best]):.2g} kg, not {load:g} kg: all others fit the "
+        )
+        return f"{said}record then (loads in session.toml)", f"loads[{i}].mass"
+    said = f"the readings probably drifted by {quantity(-float(errors[best]), 'm')} while load {i + 1} ({load:g} kg) "
+    return f"{said}was held: the temperature changed, or the stand settled", ""
 
 
 def _of_material(settings: StaticLoading, approach: xr.Dataset, model: xr.Dataset) -> Check:

@@ -16,6 +16,7 @@ https://doi.org/10.1115/1.3644020.
 import json
 import warnings
 from math import hypot
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -74,14 +75,16 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     u = hypot(max(noise, scatter) * float(np.linalg.norm(np.linalg.pinv(slopes)[0])), by_loads)
     lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)
     terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
-    return result.assign(
-        touch_part_of_loads=variable((), by_loads, "m", "part of its uncertainty that comes from the loads"),
-        scatter=variable((), scatter, "m", "root mean square misfit of the creep fit"),
-        noise=variable((), noise, "m", "noise of a reading"),
+    found: dict[str, Any] = {
+        "touch_part_of_loads": variable((), by_loads, "m", "part of its uncertainty that comes from the loads"),
+        "scatter": variable((), scatter, "m", "root mean square misfit of the creep fit"),
+        "noise": variable((), noise, "m", "noise of a reading"),
         **with_u("touch", (), touch, u, "m", "displacement at first touch"),
-        compliance=variable("elapsed", terms @ weights, "1/Pa", "reduced creep compliance, from the record"),
-        elapsed=variable("elapsed", lag, "s", "time under load"),
-    ).assign_attrs(work=json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)}))
+        "compliance": variable("elapsed", terms @ weights, "1/Pa", "reduced creep compliance, from the record"),
+        "elapsed": variable("elapsed", lag, "s", "time under load"),
+    }
+    work = json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)})
+    return result.assign(found).assign_attrs(work=work)
 
 
 def valid(displacement: xr.Dataset) -> tuple[Floats, Floats]:

@@ -25,8 +25,6 @@ from pipelines.experiments.shared.exclusions import without_readings
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
-_SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
-
 
 def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
     """Read the laser export; a reading at its end is kept: it may be the level before the first load."""
@@ -61,11 +59,9 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     radius, relative = settings.sphere.radius, float(displacement.attrs["u_systematic_relative"])
     noise, wander = float(steps["noise"]), settings.steps.drift.value * time / float(time[-1])
     u_depth = np.sqrt(float(steps["u_touch"]) ** 2 + (relative * depth) ** 2 + wander**2)
-    smooth = np.empty_like(depth)
     rows: list[dict[str, float]] = []
-    a = np.sqrt(radius.value * np.maximum(depth, 0.0))
-    for begin, end in spans(steps):
-        first, last = windows(time, (begin, end), settings)
+    for span in spans(steps):
+        first, last = windows(time, span, settings)
         level = float(depth[last].mean())
         u_level = float(np.hypot(noise / np.sqrt(last.sum()), u_depth[last].mean()))
         creep = level - float(depth[first].mean())
@@ -75,15 +71,12 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
         row = {"level_approach": level, "u_level_approach": u_level, "creep": creep, "u_creep": float(u_creep)}
         row |= {"level_contact_radius": a_level, "u_level_contact_radius": u_a}
         rows.append(row)
-        near = np.flatnonzero((time >= begin) & (time <= end))  # a moving average that does not cross a step
-        smooth[near] = [a[near[np.abs(time[near] - t) <= 0.5 * _SMOOTH]].mean() for t in time[near]]
     u_each = np.hypot(u_depth, noise)
     table: dict[str, Any] = {
         **with_u("approach", "time", depth, u_each, "m", "approach from first touch"),
         **with_u(
             "contact_radius", "time", *_radius(depth, u_each, radius), "m", "contact radius, root of R times approach"
         ),
-        "smooth_radius": variable("time", smooth, "m", "contact radius, moving average inside each load"),
         "is_settled": variable(
             "time", settled(time, steps, settings), "1", "whether the reading is away from every load step"
         ),

@@ -52,10 +52,7 @@ def _files(
 
 def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     time = approach["time"].values * _MIN
-    series: list[Series | Band] = [
-        Series("readings", time, approach["contact_radius"].values * _UM, role="repeat"),
-        Series("moving average", time, approach["smooth_radius"].values * _UM, role="measured"),
-    ]
+    series: list[Series | Band] = [Series("readings", time, approach["contact_radius"].values * _UM, role="measured")]
     edges = np.append(steps["begin"].values, steps["end"].values[-1]) * _MIN
     if model is not None:
         radius, u = (model[name].values * _UM for name in ("contact_radius", "u_contact_radius"))
@@ -65,8 +62,7 @@ def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = N
     lines = tuple((f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1]))
     views = tuple((f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges)))
     labels = ("Contact radius, a = √(R δ)", "time / min", "contact radius / µm")
-    caption = "Moving average over one minute, not across a load step."
-    chart = LineChart(*labels, tuple(series), vlines=lines, views=views, height_px=340, caption=caption)
+    chart = LineChart(*labels, tuple(series), vlines=lines, views=views, height_px=340)
     return Section("Contact radius", (chart,))
 
 

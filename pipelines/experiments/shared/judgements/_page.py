@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Iterable, Sequence
-from math import floor, isfinite, isnan, log10
+from math import isfinite, isnan
 from typing import Any
 
 import xarray as xr
@@ -144,18 +144,14 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
 
 
 def _compared(row: Row, among: Sequence[Row]) -> str:
-    shown = []
-    for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model)):
-        if not u and row.u_difference and value:  # the digits that the difference's uncertainty leaves
-            digits = max(1, floor(log10(abs(value))) - floor(log10(row.u_difference)) + 2)
-            shown.append(value_with_uncertainty(float(f"{value:.{digits}g}"), 0.0, row.unit))
-        else:
-            shown.append(value_with_uncertainty(value, u or 0.0, row.unit))
-    where = ", ".join(part for part in (row.material, row.condition) if part)
-    is_one_of_many = sum(other.quantity == row.quantity for other in among) > 1
-    which = f"{row.quantity} ({where})" if where and is_one_of_many else row.quantity
+    seen, expected = (
+        value_with_uncertainty(value or 0.0, u, row.unit) if u else quantity(value or 0.0, row.unit, 4)
+        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
+    )
+    where = ", ".join(filter(None, (row.material, row.condition)))
+    which = f" ({where})" * (bool(where) and sum(other.quantity == row.quantity for other in among) > 1)
     size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"
-    return f"{which}: {shown[0]} measured, {shown[1]} expected (difference {size})"
+    return f"{row.quantity}{which}: {seen} measured, {expected} expected (difference {size})"
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:

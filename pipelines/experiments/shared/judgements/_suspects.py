@@ -113,16 +113,15 @@ class _Error(NamedTuple):
             return False
         return not self.given.value or abs(self.size) <= max(_LINEAR * abs(self.given.value), _FAR * self.given.u)
 
-    def sentence(self, alike: "Sequence[_Error]" = ()) -> str:
-        """Say by how much the input would have to be stated wrongly; others that are ``alike`` explain as much."""
-        others = f" (or {', '.join(other.name for other in alike)})" * bool(alike)
+    @property
+    def sentence(self) -> str:
+        """By how much the input would have to be stated wrongly."""
         by, u = quantity(abs(self.size), of_error(self.given.si)), "stated" if self.given.u else "usual"
         if self.given.si == "1" and self.given.value:
             by = f"{in_words(100 * abs(self.size / self.given.value), 2)} %"
-        said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
-        said += f"{100 * self.share:.0f} % of it"
+        said = f"{self.name} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
         far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
-        return said + far * self.is_excluded
+        return f"{said}{100 * self.share:.0f} % of it{far * self.is_excluded}"
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -172,16 +171,10 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
     near.sort(key=lambda error: (error.is_excluded, error not in close, error.n_u))
-    distant = [error.name for error in close if not error.is_near]
+    distant = {error.name for error in close if not error.is_near}
     if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_excluded for e in near):
-        others = " or ".join(name for name in distant if name != _MODULUS)
-        told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
-    while near:
-        first, *rest = near
-        alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_excluded == first.is_excluded]
-        told.append(first.sentence(alike))
-        near = [error for error in rest if error not in alike]
-    return told[:_SUSPECTS] or [_UNEXPLAINED]
+        told = [f"probably {scene.another_material}"]
+    return [*told, *(error.sentence for error in near)][:_SUSPECTS] or [_UNEXPLAINED]
 
 
 def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:

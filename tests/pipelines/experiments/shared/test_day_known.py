@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from calibration.camera import image_scale
 from calibration.record import load_record, require
 from labpipe import files
 from pipelines.experiments.shared.judgements import day_known
-from pipelines.rig.session_text import front_record, laser_record
+from pipelines.rig.session_text import laser_record
 
 STATED = date(2024, 5, 14)
 RECORD = "calibration/laser.toml"  # valid from 2024-05-01 until 2025-04-30
@@ -51,11 +50,3 @@ def test_a_recording_of_an_unknown_day_is_a_note(tmp_path: Path, start: str, why
     assert found.level == "note"
     assert "whether calibration/laser.toml was valid is not known" in found.message
     assert why in found.cause
-
-
-def test_a_camera_record_keeps_both_days(tmp_path: Path) -> None:
-    files.write_text(tmp_path / "front.toml", front_record())
-    record = load_record(tmp_path / "front.toml")
-    checked = image_scale(record, "front", measured=STATED, recorded="2024-07-01")[1]
-    assert (checked["stated_day"], checked["recorded_day"]) == ("2024-05-14", "2024-07-01")
-    assert image_scale(record, "front", recorded="2024-07-01")[1]["validity_check"] == "valid on 2024-07-01"

@@ -1,7 +1,6 @@
 """What asks for results by name gets them, and is not called where one lacks that it needs."""
 
 import inspect
-from collections.abc import Iterator
 
 import pytest
 import xarray as xr
@@ -22,14 +21,6 @@ def test_a_function_gets_what_its_parameters_name_and_is_not_called_without_what
     given = Given(repeats=[None, DROP])  # a recording that gave nothing leaves the others
     assert given.ask(present) is None  # it names its parameter otherwise
     assert given.ask(lambda repeats: len(present(repeats))) == 1
-
-
-def test_answers_of_several_functions_stand_in_one_list() -> None:
-    def several(drop: xr.Dataset) -> Iterator[str]:
-        yield from ("b", "c")
-
-    asked = (lambda drop: 1, several, lambda model: 2, lambda drop: None, lambda given: given.get("model"))
-    assert Given(drop=DROP).each(asked) == [1, "b", "c"]
 
 
 @pytest.mark.parametrize("name", KINDS)
