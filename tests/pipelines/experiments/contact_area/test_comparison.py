@@ -69,13 +69,6 @@ def test_a_wrong_time_of_the_peak_is_made_up_for(offset: float) -> None:
     assert float(np.abs(made["film"] - made["model"]).max()) < 0.5 * UM
 
 
-@pytest.mark.parametrize(("offset", "count"), [(5 * US, 3), (350 * US, 10)])
-def test_few_frames_or_a_large_shift_are_left_as_they_are(offset: float, count: int) -> None:
-    made = compared(offset, count)
-    assert float(made["time_shift"][0]) == 0.0
-    assert np.isnan(float(made["u_time_shift"][0]))
-
-
 # --- size of a contact --------------------------------------------------------------------------
 
 _TIME = np.arange(0.0, 4e-3, 2e-5)

@@ -19,7 +19,7 @@ from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import SCHEMAS, init, process
+from pipelines.session import SCHEMAS, process
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
 
@@ -225,16 +225,6 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
         "synthetic data",
     ):
         assert title in page
-
-
-def test_a_scan_proposes_the_experiment_with_the_mode_that_its_strain_tells(session):
-    (session / "session.toml").unlink()
-    found = init(session)
-    assert found.experiments == ["ptfe"]
-    assert len(found.gaps) == 1
-    text = found.path.read_text("utf-8")
-    assert 'kind = "dma"' in text
-    assert 'mode = "shear"  # or torsion' in text
 
 
 def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
