@@ -63,5 +63,7 @@ def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
     return ""
 
 
+KINDS: Mapping[str, Kind]
+ADDED: tuple[Plugin[Kind], ...]
 KINDS, ADDED = _gathered()
 tell(ADDED)
