@@ -82,11 +82,7 @@ def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: f
 
 
 def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return mean and its standard uncertainty, scatter and number of repeats (repeat, …).
-
-    ``own`` are the standard uncertainties, which contain the variance ``shared`` that all repeats have in common.
-    Scatter between repeats counts where it exceeds the uncertainty of each.
-    """
+    """Return mean, its u, scatter and number of repeats (repeat, …); ``own`` contain the common variance ``shared``."""
     n, mean = np.isfinite(values).sum(axis=0), np.nanmean(values, axis=0)
     scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
     stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
@@ -95,11 +91,7 @@ def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, 
 
 
 def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
-    """Mean of every bounce over the repeats that show it; touch times since first contact.
-
-    The unknown shape of the contact's pulse and the sensor's scale, which all repeats share, are as uncertain in the
-    mean as in one of them; only the rest falls with their number.
-    """
+    """Mean of every bounce over the repeats that show it; touch times since first contact."""
     count = max(b.sizes["impact"] for b in bounces)
 
     def of_all(name: str) -> Floats:

@@ -144,13 +144,7 @@ def _contacts(time: Floats, is_seen: Flags, is_unknown: Flags) -> list[Integers]
 
 
 def _brief_contacts(time: Floats, a: Floats, runs: list[Integers]) -> list[Integers]:
-    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact.
-
-    The time of an impact hardly depends on its speed (Hertz: as its fifth root), and grows from bounce to bounce. A
-    contact that ends much sooner than others last, or shows in one frame where others show in several, is a shadow or
-    a sphere that passes close by. One between whose frames another whole contact would have fitted is several last
-    bounces, of a film that the camera thins out between the impacts.
-    """
+    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact."""
     last = len(time) - 1
     brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
     shortest = min((np.ptp(time[run]) for run in brief if len(run) > 2), default=np.inf)
@@ -250,10 +244,7 @@ def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
 
 
 def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:
-    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds.
-
-    The first frame, that of the largest radius and the last of each impact are always among them.
-    """
+    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds."""
     time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
     events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
     always = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]
