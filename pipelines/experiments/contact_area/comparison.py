@@ -137,7 +137,7 @@ def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: For
 
 
 def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, ...]:
-    """Fit size (relative), shift in time [s] and duration of a model's contact; the first two, each with its u, or NaN."""
+    """Fit size (relative), shift [s] and duration of a model's contact; return the first two with their u, or NaN."""
     if time.size < _FEWEST:
         return (np.nan,) * 4
     step, since = float(np.median(np.diff(time))), time - float(np.mean(time))

@@ -63,7 +63,7 @@ def comparison(
 def _along(
     made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float
 ) -> tuple[Agreement | None, float, float]:
-    """Lay the film over the laser in stretches; return the agreement, and film over laser with its u but the scales'."""
+    """Lay the film over the laser in stretches; return the agreement, and film over laser with its own u."""
     time, start = made["time"].values, float(film["first_contact_time"])
     touches = film["touch_time"].values - start
     leaves = film["liftoff_time"].values - start
