@@ -23,7 +23,7 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _MOST_FRAMES = 60  # of a strip: a second and a half at forty a second, and few enough to step through
 _STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
-_QUALITY = 80  # of JPEG: at 90 no loss is seen, at 65 edges begin to show it
+_QUALITIES = (90, 80, 65)  # of JPEG, tried in turn: at 90 no loss is seen, at 65 edges begin to show it
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _SMALLEST = 480  # px; smaller frames are drawn enlarged
 _ALIKE, _BESIDE = 0.5, 0.25
@@ -132,11 +132,14 @@ def thinned(wanted: Iterable[int], keys: Collection[int]) -> list[int]:
 def strip(
     title: str, drawn: Sequence[tuple[NDArray[np.uint8], str, str, float | None]], *, start: int = 0, **more: str
 ) -> Gallery:
-    """Make frames a strip to step through, as many as fit a page.
+    """Make frames a strip to step through, as JPEG in the best quality in which they fit a page; else fewer of them.
 
     ``drawn``: picture (BGR), description, caption and place of each; ``start``: the one that is shown first.
     """
-    frames = [Picture(jpeg(image), alt, caption, at) for image, alt, caption, at in drawn]
+    for quality in _QUALITIES:
+        frames = [Picture(jpeg(image, quality), alt, caption, at) for image, alt, caption, at in drawn]
+        if sum(len(frame.address) for frame in frames) <= _STRIP_BYTES:
+            break
     kept = [*range(len(frames))]
     while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > _STRIP_BYTES:
         kept = sorted({*kept[::2], start})
@@ -159,10 +162,10 @@ def _header_lines(header: Any) -> list[str]:
     return lines
 
 
-def jpeg(image: NDArray[np.uint8]) -> bytes:
+def jpeg(image: NDArray[np.uint8], quality: int = _QUALITIES[0]) -> bytes:
     """Encode a grey or colour (BGR) image; half the colour resolution would blur a thin coloured circle."""
     sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-    is_done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY, *sampling])
+    is_done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])
     if not is_done:
         raise InputError(f"an image of shape {image.shape} cannot be written as JPEG")
     return data.tobytes()
