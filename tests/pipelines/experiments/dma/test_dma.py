@@ -195,13 +195,6 @@ def test_a_wrong_dimension_is_corrected_and_its_uncertainty_is_that_of_all_modul
     np.testing.assert_allclose(measured["storage"], plain["storage"] / 1.05, rtol=1e-3)
 
 
-def test_a_specimen_without_a_cross_section_is_refused():
-    with pytest.raises(ValueError, match="length, width and thickness; found length"):
-        Specimen(**lengths(length=(20, 0)))
-    with pytest.raises(ValueError, match="entered names width, which the specimen has not"):
-        Specimen(**lengths(length=(20, 0), diameter=(3, 0)), entered=Dimensions(**lengths(width=(3, 0))))
-
-
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     solid = SOLIDS["ptfe"]
