@@ -30,7 +30,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.judgements import capitalised, with_minus
+from pipelines.experiments.shared.judgements import with_minus
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -60,7 +60,6 @@ def _summary(
     temperature_sweep: xr.Dataset | None = None,
 ) -> Section:
     rows: list[tuple[str, str, str]] = []
-    notes: list[Block] = []
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
@@ -84,14 +83,9 @@ def _summary(
             ("superposition", _SUPERPOSITION[superposition["level"]], remark),
             ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
-        # The first reason stands in the verdict above.
-        said = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
-        if said:
-            title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
-            notes.append(Details(title, [Paragraph(f"{capitalised(note)}.") for note in said]))
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
     rows += [] if master_curve is None else [_by_shifts(master_curve)]
-    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
+    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows)))
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:

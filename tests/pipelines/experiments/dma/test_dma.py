@@ -228,7 +228,7 @@ def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
     assert not process(session, jobs=0).failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "a single temperature determines no shift" in page
-    assert "Only one temperature" in page
+    assert "only one temperature" in page
 
 
 def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
