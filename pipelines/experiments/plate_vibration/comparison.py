@@ -63,17 +63,10 @@ def height_name(settings: PlateVibration, i: int) -> str:
 
 
 def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
-    """Predict every amplitude from the plate that the other drops find.
+    """Return amplitudes [m] (series,) on the plate that the other drops find, NaN without others, and their weights.
 
-    The plate's mass comes from the amplitudes themselves; only the mass that the others give is
-    independent of an amplitude that it is to predict.
-
-    Returns
-    -------
-    predicted : array (series,)
-        Amplitudes [m]; NaN where there are no others.
-    weights : array (series, series)
-        Of each other drop in the mass on which a prediction is based; rows sum to 1.
+    Only the mass that others give is independent of an amplitude that it is to predict. The weights (series, series)
+    of the others in that mass sum to 1 in each row.
     """
     amplitude = table["amplitude"].values
     each = plate["modal_mass"].values if "modal_mass" in plate else np.full(amplitude.size, np.nan)
