@@ -11,7 +11,7 @@ from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.variables import described
 from pipelines.experiments.plate_vibration.measured import drops_label
-from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
+from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
 
@@ -101,8 +101,6 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
     predicted, weights = from_others(table, plate)
     amplitude, (of_amplitude, of_height) = table["amplitude"].values, relative_uncertainty(table, settings)
     total = np.hypot(of_amplitude, of_height)
-    # what two drops share of their solids cancels in the prediction of one by the other
-    solids = {name: (given.u, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
     for i, expected in enumerate(predicted):
         if not np.isfinite(expected):
             yield None
@@ -110,12 +108,11 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
         # effects are factors: seen from the geometric mean, two drops that predict each other differ by as much
         middle = float(np.sqrt(amplitude[i] * expected))
         moves = -middle * (np.eye(amplitude.size)[i] - weights[i])
-        slopes = {name: float(-middle * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
+        slopes: dict[str, float] = {}
         for j in map(int, np.flatnonzero(moves)):
             slopes[f"{SERIES} {j + 1}"] = float(-moves[j])
             slopes[height_name(settings, j)] = float(0.5 * moves[j] / settings.drops[j].height.value)
-        solid = np.linalg.norm([slope[i] * u for u, slope in solids.values()])
-        by_others = np.hypot(np.linalg.norm(weights[i] * total), solid)
+        by_others = np.linalg.norm(weights[i] * total)
         yield row(
             "amplitude at impact",
             "m",

@@ -70,24 +70,6 @@ def test_frequency_is_the_plate_s_and_the_modal_mass_the_true_one(session: Path)
     assert float(plate["u_mass"]) < 0.01 * float(plate["mass"])
 
 
-def test_the_dma_s_uncertainty_stands_in_the_mass(session: Path) -> None:
-    plate = result(session, "plate", "plate")
-    names = [str(name) for name in plate["uncertain"].values]
-    for said in ("temperature, 20 °C", "Poisson's ratio, ptfe_dma", "DMA, specimen, acrylic_dma"):
-        assert said in names
-    assert any("mode 1, ptfe_dma at 20 °C" in name for name in names)
-    by_solids = float(np.linalg.norm(plate["solid_mass"].values * plate["input_u"].values))
-    assert 0.0 < by_solids < float(plate["u_mass"])
-    of_ptfe = plate["solid_momentum"].sel(uncertain="DMA, specimen, ptfe_dma").values
-    assert of_ptfe[0] == 0.0  # acrylic knows nothing of it
-    assert of_ptfe[1] != 0.0
-    assert "the uncertainty of the DMA of acrylic and ptfe is included" in _page(session)
-
-
-def _page(session: Path) -> str:
-    return (session / "labpipe/reports/plate.html").read_text("utf-8")
-
-
 def test_two_drops_that_predict_each_other_differ_by_as_much_in_units_of_u(session: Path) -> None:
     """They are one comparison: an amplitude 14 % off is no more than that."""
     table, plate = result(session, "plate", "table"), result(session, "plate", "plate")
