@@ -205,7 +205,8 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
             scatter = float(np.sqrt(np.sum(rest**2) / max(2 * by - degree, 1)))
             value = float(np.sqrt(np.polyval(fit, place)))
             found.append(Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter)))
-    best, lower, *_ = *found, *[Peak(float(time[top]), float(a[top]), float(u[top]))] * 2
+    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
+    best, lower = [*found, alone, alone][:2]
     # of a single frame the steps to its neighbours; a fit may cross the next one by chance
     least = (1.0, _CHANCE, 0.0)[min(len(found), 2)] * float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
     return best._replace(sampling=max(abs(best.radius - lower.radius) / np.sqrt(3.0), least))
