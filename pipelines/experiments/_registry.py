@@ -29,11 +29,7 @@ OURS = (BALL_DROP, STATIC_LOADING, HARMONIC, RELAXATION, DIC_VALIDATION, CONTACT
 
 
 def _gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
-    """Return all kinds by name, and those of other distributions with the reason if one is left out.
-
-    Ours come first and cannot be replaced. A kind that cannot be loaded, or whose stages do not
-    fit together, is named and left out; the others work.
-    """
+    """Return all kinds by name, and those of other distributions with the reason if one is left out."""
     kinds = {kind.name: kind for kind in OURS}
     schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
     added = []
@@ -63,5 +59,7 @@ def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
     return ""
 
 
+KINDS: Mapping[str, Kind]
+ADDED: tuple[Plugin[Kind], ...]
 KINDS, ADDED = _gathered()
 tell(ADDED)

@@ -124,7 +124,6 @@ ROWS = (
     Mistake("height 15 for 1.5 mm", setting('"1.5 ±', '"15 ±'), "impossible", ("drop height", "1.50 mm"), _TOML, 17),
     Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
     Mistake("mass 505 kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("mass", "505 g"), _TOML, 22),
-    Mistake("radius in inch", setting('"9.525 ± 0.005', '"0.375 ± 0.0002'), "doubtful", ("sphere.radius",), _TOML),
     Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 22),
     Mistake("uncertainty 5 mm", setting("± 0.005 mm", "± 5 mm"), "doubtful", ("uncertainty",), _TOML, 17),
     # calibration

@@ -1,20 +1,16 @@
 """Mistakes that laboratories make with a plate under drops: the edit, and what must be said."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
 from labpipe import files
-from labpipe.arrays import Floats
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.plate import PLATE_RIG
 from pipelines.rig.samples import session_head, sweeps
 from pipelines.rig.session_text import from_dma, plate_laser_record
 from tests.mistakes.drop_rows import Mistake
-from tests.mistakes.recordings import Edit, cells, header, setting, values
+from tests.mistakes.recordings import Edit, header, setting
 from tests.pipelines.small import write_plate
 
 ACRYLIC, PTFE = "laser_plate/plate_acrylic_1p5mm_1.csv", "laser_plate/plate_ptfe_5mm_1.csv"
@@ -22,7 +18,6 @@ ALL = (ACRYLIC, "laser_plate/plate_acrylic_5mm_1.csv", "laser_plate/plate_ptfe_1
 RECORD = "calibration/laser_plate.toml"
 START = datetime(2024, 5, 14, 9, 30)
 _TOML = "session.toml"
-_CYCLE = "Sampling cycle,50us"
 
 
 def write(folder: Path) -> Path:
@@ -47,18 +42,6 @@ def _height(material: str, old: str, new: str) -> Edit:
     return setting(f'{named}"{old} ', f'{named}"{new} ')
 
 
-def _changed(change: Callable[[Floats], Floats], names: tuple[str, ...] = ALL) -> Edit:
-    return values(change, names, decimals=5)
-
-
-def _noise(x: Floats) -> Floats:
-    return x[0] + np.random.default_rng(1).normal(0.0, 3e-4, x.size)
-
-
-def _ends_early(folder: Path) -> None:
-    cells(lambda texts: texts[:1000], (PTFE,))(folder)
-
-
 ROWS = (
     # what the session states
     Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops no. 4"), _TOML),
@@ -68,14 +51,9 @@ ROWS = (
     ),
     Mistake("mass in kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("sphere.mass",), _TOML),
     # time
-    Mistake("cycle 100 for 50 us", header(_CYCLE, "Sampling cycle,100us", ALL), "impossible", ("sampling interval",)),
-    Mistake("pasted together", cells(lambda t: t + t, (PTFE,)), "impossible", ("twice",), PTFE),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
-    Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
     # sensor
-    Mistake("noise only", _changed(_noise, (PTFE,)), "impossible", ("no ringing",), PTFE),
-    Mistake("record ends before the blow", _ends_early, "impossible", ("ends before the impact",), PTFE),
     # recordings
     Mistake("two heights exchanged", _exchanged, "impossible", ("height",)),
 )

@@ -11,7 +11,7 @@ from labpipe.arrays import Floats
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from tests.mistakes.drop_rows import Mistake
-from tests.mistakes.recordings import Edit, header, setting, values
+from tests.mistakes.recordings import Edit, setting, values
 
 FILE = "laser/static.csv"
 FILES = (FILE,)
@@ -62,11 +62,6 @@ def _line(mass: float) -> str:
     return f'  {{ mass = "{mass:g} ± 0.0005 kg", time = "{RIG.times[number] / 60:.2f} min" }},\n'
 
 
-def _times_as_seconds(folder: Path) -> None:
-    path = folder / _TOML
-    path.write_text(path.read_text("utf-8").replace(' min" }', ' s" }'), "utf-8")
-
-
 ROWS = (
     # loads
     Mistake("a load left out, times given", setting(_line(3.5), ""), "impossible", ("missing", "1098"), _TOML),
@@ -83,17 +78,7 @@ ROWS = (
     ),
     Mistake("nylon is acrylic", setting('material = "ptfe"', 'material = "nbr"'), "impossible", ("stated sphere",)),
     # time
-    Mistake(
-        "cycle 10 for 5 s",
-        header("Sampling cycle,5e+06us", "Sampling cycle,1e+07us", FILES),
-        "impossible",
-        ("sampling interval", "5.00 s"),
-        FILE,
-    ),
-    Mistake("times in s for min", _times_as_seconds, "impossible", ("seconds and minutes",), _TOML),
     # length
-    Mistake("unit um", header("Unit,mm", "Unit,um", FILES), "impossible", ()),
-    Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
     # drift
     Mistake("warming under the third load", values(_ramp(6e-3, 1200.0, 1900.0), FILES), "impossible", ("load 3",)),
 )

@@ -129,7 +129,6 @@ ROWS = (
     ),
     # frames
     Row("neighbours exchanged", "doubtful", ("exchanged",), _exchanged(176, 177)),
-    Row("contact and flight exchanged", "doubtful", ("frames 178 and 321 are exchanged",), _exchanged(178, 321)),
     Row("one frame twice", "doubtful", ("repeated frame", "180"), lambda f: f.assign_attrs(repeated="[180]")),
     Row("film backwards", "impossible", ("reverse order",), _frames(lambda i: i[::-1])),
     Row("sphere at rest", "impossible", ("at rest",), _at_rest),

@@ -44,10 +44,7 @@ def quantities(
 def _read(
     made: Sequence[xr.Dataset], name: str, unit: str, impact: int, relative: float
 ) -> tuple[float, dict[str, Input]]:
-    """Return the mean of the repeats, and its errors by noise, repeatability and the shape of the pulse they share.
-
-    ``relative`` is the uncertainty of the scale, which the repeats' own contains.
-    """
+    """Return the mean of the repeats, and its errors by noise, repeatability and the shape of the pulse they share."""
     values, u, shared = (
         np.array([float(np.atleast_1d(b[key].values)[impact]) if key in b else 0.0 for b in made])
         for key in (name, f"u_{name}", f"shared_u_{name}")

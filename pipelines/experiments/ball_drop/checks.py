@@ -149,10 +149,7 @@ def _of_their_files(
 
 
 def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, float] | None:
-    """Return the contact modulus [Pa] as simulated, else that of the named material at a millisecond.
-
-    The second number is the standard uncertainty of the logarithm of a contact's duration.
-    """
+    """Return the contact modulus [Pa] in an impact of 1 ms, and the standard uncertainty of a duration's logarithm."""
     sphere = settings.sphere
     if model is not None and model.sizes["impact"]:
         duration, v = float(model["contact_duration"][0]), float(model["impact_speed"][0])

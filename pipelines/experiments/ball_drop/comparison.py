@@ -87,11 +87,7 @@ def comparison(
 
 
 def _along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -> Agreement | None:
-    """Compare fall and flights with the model, each in a few stretches.
-
-    They share the scale of length, the moment of first touch, the uncertainty of the model from its inputs, and the
-    scatter between repeats, of each as a whole and of each impact, which moves all that follows.
-    """
+    """Compare fall and flights with the model, each in a few stretches."""
     flown = np.diff(model["impact_time"].values[:FOLLOWED], prepend=0.0)
     lost = np.flatnonzero(model["u_impact_time"].values[:FOLLOWED] > _LOST * flown)
     known = slice(int(lost[0]) if lost.size else FOLLOWED)

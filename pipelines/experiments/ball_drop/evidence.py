@@ -55,10 +55,7 @@ def evidence(
 
 
 def _scatter(touch: Floats) -> Floats:
-    """Return the scatter (impact,) of times between repeats that their heights do not explain.
-
-    All times go with the root of the height: the part that repeats have in common with the mean is height.
-    """
+    """Return the scatter (impact,) of times between repeats that their heights do not explain."""
     if len(touch) < 3:
         return np.zeros(touch.shape[1])
     mean = touch.mean(axis=0)

@@ -5,20 +5,16 @@ level of that contact.
 """
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.uncertainty import scatter_beyond
-from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.drop_model import padded
 
@@ -27,20 +23,6 @@ NOISE = "noise"
 _SPEEDS = ("incoming_speed", "outgoing_speed")
 _LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
 _PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
-
-
-def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:
-    """Correct the inclination: upward displacement of the holder, with uncertainty."""
-    moved = laser_readings.displacement(readings, record, settings=settings)
-    if not settings.analysis.inclination_from_height:
-        return moved
-    # the inclination from the fall of known height, along the line of sight
-    gain = float(moved["gain"])
-    along = moved["displacement_raw"] * gain
-    fall = signals.bounces(along, contact=settings.analysis.contact)
-    travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
-    found = laser.inclination_from_drop(travel, settings.height)
-    return laser_readings.displacement(readings, record, settings=settings, inclination=found)
 
 
 def bounces(displacement: xr.Dataset, plate: xr.Dataset | None = None, *, settings: BallDrop) -> xr.Dataset:
@@ -100,11 +82,7 @@ def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: f
 
 
 def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return mean and its standard uncertainty, scatter and number of repeats (repeat, …).
-
-    ``own`` are the standard uncertainties, which contain the variance ``shared`` that all repeats have in common.
-    Scatter between repeats counts where it exceeds the uncertainty of each.
-    """
+    """Return mean, its u, scatter and number of repeats (repeat, …); ``own`` contain the common variance ``shared``."""
     n, mean = np.isfinite(values).sum(axis=0), np.nanmean(values, axis=0)
     scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
     stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
@@ -113,11 +91,7 @@ def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, 
 
 
 def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
-    """Mean of every bounce over the repeats that show it; touch times since first contact.
-
-    The unknown shape of the contact's pulse and the sensor's scale, which all repeats share, are as uncertain in the
-    mean as in one of them; only the rest falls with their number.
-    """
+    """Mean of every bounce over the repeats that show it; touch times since first contact."""
     count = max(b.sizes["impact"] for b in bounces)
 
     def of_all(name: str) -> Floats:

@@ -74,10 +74,7 @@ def path_by_input(made: xr.Dataset) -> Iterator[Floats]:
 
 
 def _moved(time: Floats, path: Floats, nodes: Floats, later: Floats, deeper: Floats) -> Floats:
-    """Return the path (time,) whose touches and lift-offs (2 impact,) come later; contacts are deeper by a share.
-
-    The path between them is stretched: a contact in time, and a flight, as it is free, by the square in height too.
-    """
+    """Return the path (time,) whose touches and lift-offs (2 impact,) come later; contacts are deeper by a share."""
     moved = nodes + later
     # a shift as long as a flight says nothing of the path any more
     if not moved.size or not np.all(np.diff(moved) > 0.0):

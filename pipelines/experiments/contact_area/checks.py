@@ -22,10 +22,10 @@ from pipelines.experiments.shared.film_checks import (
     CAUSES,
     explained,
     exposed,
+    exposure_stated,
     frame_times,
     in_order,
     no_copies,
-    stated_twice,
     whole_film,
     wrong_rate,
 )
@@ -116,8 +116,7 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, set
     """Evaluate the frames of the film, their light, times and order."""
     film, frame, time = settings.film, radius["frame"].values, radius["time"].values
     touches, is_sound = (radius[name].values.astype(bool) for name in ("in_contact", "valid"))
-    yield from stated_twice(radius, film, settings.frame_rate, settings.exposure)
-    yield from (whole, exposed(radius, film))
+    yield from (whole, exposed(radius, film), exposure_stated(radius, film, settings.exposure))
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
     inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
     yield frame_times(film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))

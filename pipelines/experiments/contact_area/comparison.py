@@ -128,11 +128,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
 
 
 def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: Form, relative: float) -> Agreement | None:
-    """Compare the frames of a contact with the model, each with its own noise.
-
-    They share the scale, the moment of the largest radius, between two frames, and the effect of the model's
-    inputs on its size (`relative`). A modulus E changes the size by E^-0.2 and the duration by E^-0.4.
-    """
+    """Compare the frames of a contact with the model, each with its own noise."""
     if time.size < _FEWEST:
         return None
     step, since, rate = float(np.median(np.diff(time))), time - float(np.mean(time)), form.rate(time)
@@ -141,13 +137,7 @@ def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: For
 
 
 def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, ...]:
-    """Fit a contact of the model, by its size, its time and its duration, to the frames of one in the film.
-
-    The largest radius falls between frames and is flat in time: all frames of the contact determine it. A form that
-    they do not follow enlarges the uncertainties; another duration is no other form, or a model of a wrong mass would
-    hide its error. Returned are the size over that of the model and the time [s] added to the model's clock, each
-    with its standard uncertainty; NaN where there are too few frames, or where they do not follow the form.
-    """
+    """Fit size (relative), shift [s] and duration of a model's contact; return the first two with their u, or NaN."""
     if time.size < _FEWEST:
         return (np.nan,) * 4
     step, since = float(np.median(np.diff(time))), time - float(np.mean(time))

@@ -77,18 +77,17 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
     corners = np.array([(0, 0), size - 1] if settings.region is None else settings.region)
     low, high = corners.min(axis=0), corners.max(axis=0)
     part = f"region: the part from ({', '.join(f'{c:g}' for c in low)}) to ({', '.join(f'{c:g}' for c in high)})"
+    seen = f"the images, {size[0]} px wide and {size[1]} px high"
     if (high > size).any():
         swapped = ": x and y are exchanged" if (high[::-1] <= size).all() else ""
-        raise InputError(
-            f"{part} reaches beyond the images, {size[0]} px wide and {size[1]} px high{swapped}; give px of the "
-            "images, x to the right and y down"
-        ).because("region")
+        text = f"{part} reaches beyond {seen}{swapped}; give px of the images, x to the right and y down"
+        raise InputError(text).because("region")
     begin, end = np.minimum(np.floor(low), size).astype(int), np.minimum(np.ceil(high) + 1, size).astype(int)
     if settings.region is not None and (end - begin).min() < _LEAST_REGION:
-        raise InputError(
-            f"{part} of a film of {size[0]} x {size[1]} px is less than {_LEAST_REGION} px wide or high; draw it "
-            "around the contact with its rings"
+        text = (
+            f"{part} of {seen}, is less than {_LEAST_REGION} px wide or high; draw it around the contact with its rings"
         )
+        raise InputError(text)
     return slice(int(begin[1]), int(end[1])), slice(int(begin[0]), int(end[0]))
 
 
@@ -145,13 +144,7 @@ def _contacts(time: Floats, is_seen: Flags, is_unknown: Flags) -> list[Integers]
 
 
 def _brief_contacts(time: Floats, a: Floats, runs: list[Integers]) -> list[Integers]:
-    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact.
-
-    The time of an impact hardly depends on its speed (Hertz: as its fifth root), and grows from bounce to bounce. A
-    contact that ends much sooner than others last, or shows in one frame where others show in several, is a shadow or
-    a sphere that passes close by. One between whose frames another whole contact would have fitted is several last
-    bounces, of a film that the camera thins out between the impacts.
-    """
+    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact."""
     last = len(time) - 1
     brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
     shortest = min((np.ptp(time[run]) for run in brief if len(run) > 2), default=np.inf)
@@ -189,37 +182,34 @@ class Peak(NamedTuple):
 def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
     """Find the largest radius by a polynomial through a² of the frames around the largest.
 
-    a² goes with the approach, which passes its largest value smoothly; a itself does not. How far
-    a fit of fewer frames and lower degree ends elsewhere is the uncertainty between the frames.
+    a² goes with the approach, which passes its largest value smoothly; a itself does not. How far a fit of fewer
+    frames and lower degree ends elsewhere is the uncertainty between the frames.
     """
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
-    top, n = int(np.argmax(a)), len(a)
-    # where frames beside the largest are missing, the nearest, wherever they are
-    windows = [(max(0, min(top - by, n - 2 * by - 1)), 2 * by + 1, degree) for by, degree in _FITS if n > 2 * by]
-    found = [p for window in windows if (p := _fitted(time, a, u, top, *window))]
-    best, lower, *_ = *found, *[Peak(float(time[top]), float(a[top]), float(u[top]))] * 2
+    top, n, found = int(np.argmax(a)), len(a), list[Peak]()
+    for by, degree in _FITS:
+        # where frames beside the largest are missing, the nearest, wherever they are
+        low = max(0, min(top - by, n - 2 * by - 1))
+        x, near, own = (values[low : low + 2 * by + 1] for values in (time - time[top], a, u))
+        if n <= 2 * by:
+            continue
+        scale = float(np.max(np.abs(x)))
+        fit = np.polyfit(x / scale, near**2, degree, w=1 / np.maximum(2 * near * own, 1e-18))
+        slope = np.polyder(fit)
+        roots = [float(root.real) for root in np.roots(slope) if abs(root.imag) < _REAL and abs(root.real) <= 1.0]
+        tops = [root for root in roots if np.polyval(np.polyder(slope), root) < 0.0]
+        if tops:
+            place = min(tops, key=abs)
+            rest = near - np.sqrt(np.maximum(np.polyval(fit, x / scale), 0))
+            scatter = float(np.sqrt(np.sum(rest**2) / max(2 * by - degree, 1)))
+            value = float(np.sqrt(np.polyval(fit, place)))
+            found.append(Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter)))
+    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
+    best, lower = [*found, alone, alone][:2]
     # of a single frame the steps to its neighbours; a fit may cross the next one by chance
     least = (1.0, _CHANCE, 0.0)[min(len(found), 2)] * float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
     return best._replace(sampling=max(abs(best.radius - lower.radius) / np.sqrt(3.0), least))
-
-
-def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, count: int, degree: int) -> Peak | None:
-    """Fit so many frames from low on; nothing where they have no maximum."""
-    x, near, own = (values[low : low + count] for values in (time - time[top], a, u))
-    scale = float(np.max(np.abs(x)))
-    weights = 1 / np.maximum(2 * near * own, 1e-18)
-    fit = np.polyfit(x / scale, near**2, degree, w=weights)
-    slope = np.polyder(fit)
-    roots = [float(root.real) for root in np.roots(slope) if abs(root.imag) < _REAL and abs(root.real) <= 1.0]
-    tops = [root for root in roots if np.polyval(np.polyder(slope), root) < 0.0]
-    if not tops:
-        return None
-    place = min(tops, key=abs)
-    rest = near - np.sqrt(np.maximum(np.polyval(fit, x / scale), 0))
-    scatter = float(np.sqrt(np.sum(rest**2) / max(count - degree - 1, 1)))
-    value = float(np.sqrt(np.polyval(fit, place)))
-    return Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter))
 
 
 _ALL_OVER = 7  # frames that stand for a film without impacts
@@ -255,10 +245,7 @@ def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
 
 
 def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:
-    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds.
-
-    The first frame, that of the largest radius and the last of each impact are always among them.
-    """
+    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds."""
     time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
     events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
     always = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]

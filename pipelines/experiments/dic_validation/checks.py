@@ -24,7 +24,6 @@ from pipelines.experiments.shared.film_checks import (
     frame_times,
     in_order,
     no_copies,
-    stated_twice,
     whole_film,
     wrong_rate,
 )
@@ -126,7 +125,6 @@ def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iter
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield stated(FOUND, message, level, cause=cause, setting=setting)
     yield from (whole, exposed(track, film), _steady(track, film))
-    yield from stated_twice(track, film, settings.frame_rate)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)

@@ -63,13 +63,7 @@ def comparison(
 def _along(
     made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float
 ) -> tuple[Agreement | None, float, float]:
-    """Lay the film over the laser in stretches of fall and flights.
-
-    They share the ratio of both scales, level and moment of first touch, and by how much the drops that the laser
-    saw differ from each other: the film shows one drop, and each impact's scatter moves all that follows.
-    Returned are the agreement, and the displacement of the film over that of the laser with its standard uncertainty
-    without the scales, by generalised least squares with the covariance of the rest.
-    """
+    """Lay the film over the laser in stretches; return the agreement, and film over laser with its own u."""
     time, start = made["time"].values, float(film["first_contact_time"])
     touches = film["touch_time"].values - start
     leaves = film["liftoff_time"].values - start

@@ -185,10 +185,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
 
 
 def _direction(body: xr.Dataset) -> tuple[float, float]:
-    """Return the angle of the motion to the image's columns with its standard uncertainty [rad]; NaN if it is unclear.
-
-    A line through the first place is fitted, weighted by the distance, with the sign of its vertical part.
-    """
+    """Return the angle of the motion to the image's columns with its u [rad]; NaN where it is unclear."""
     x, y = body["displacement_x"].values, body["displacement_y"].values
     away, noise = np.hypot(x, y), np.hypot(body["u_displacement_x"].values, body["u_displacement_y"].values)
     far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))

@@ -23,10 +23,7 @@ def quantities(sweeps: xr.Dataset, master_curve: xr.Dataset) -> Iterator[Quantit
 
 
 def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
-    """Return the largest shift; the temperatures of its sweep act by the slope of the shifts.
-
-    The mean temperature is known from its range: the readings' own changes are noise of the moduli.
-    """
+    """Return the largest shift; the temperatures of its sweep act by the slope of the shifts."""
     order = np.argsort(master["temperature"].values)
     T, shifts, u = (master[name].values[order] for name in ("temperature", "log10_aT", "u_log10_aT"))
     far = int(np.nanargmax(np.abs(shifts)))

@@ -209,11 +209,8 @@ def _single_values(export: Export) -> Check:
 
 
 def _causality(export: Export) -> Check:
-    """Compare the loss factor with the rise of the storage modulus with frequency.
-
-    E* ~ (i omega)^b has tan delta = tan(pi b / 2), the local form of Kramers and Kronig's relation
-    (Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701).
-    """
+    """Compare the loss factor with the rise of the storage modulus with frequency."""
+    # E* ~ (i omega)^b has tan delta = tan(pi b / 2): Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701
     name, pairs = "storage and loss belong together", []
     for sweep in export.sweeps:
         x = np.log(sweep.values("frequency"))

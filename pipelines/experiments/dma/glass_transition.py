@@ -170,7 +170,6 @@ def peak(T: Floats, y: Floats) -> tuple[float, float]:
     cubic, parabola = (_summit(T[near] - centre, y[near], degree) for degree in (3, 2))
     if cubic is None or parabola is None:
         return np.nan, np.nan
-    # What the form of the curve contributes: half the difference between both.
     return centre + cubic[0], float(np.hypot(cubic[1], 0.5 * (cubic[0] - parabola[0])))
 
 

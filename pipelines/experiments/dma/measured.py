@@ -79,11 +79,7 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
 
 
 def _scale(readings: list[xr.Dataset], settings: Dma) -> Quantity:
-    """Return the factor of all moduli: the stated scale, and the specimen's form factor over the file's.
-
-    Where a file in torsion has torque and deflection angle, its form factor is that of its own moduli, |G| over
-    torque per angle; otherwise that of the dimensions as entered, equal to the stated ones unless said.
-    """
+    """Return the factor of all moduli: the stated scale, and the specimen's form factor over the file's."""
     specimen, scale = settings.specimen, settings.scale
     if specimen is None:
         return scale

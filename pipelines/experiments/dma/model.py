@@ -54,7 +54,6 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "laws": {name: _law(law) for name, law in made.laws.items()},
         "law": _law(made.law),
         "noise": made.noise,
-        "notes": made.warnings,
     }
     names = sweeps.attrs.keys() & {"u_modulus_factor", "modulus_factor", "u_scale", "strain"}
     kept = {name: sweeps.attrs[name] for name in sorted(names)}

@@ -30,7 +30,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.judgements import capitalised, with_minus
+from pipelines.experiments.shared.judgements import with_minus
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -60,7 +60,6 @@ def _summary(
     temperature_sweep: xr.Dataset | None = None,
 ) -> Section:
     rows: list[tuple[str, str, str]] = []
-    notes: list[Block] = []
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
@@ -84,14 +83,9 @@ def _summary(
             ("superposition", _SUPERPOSITION[superposition["level"]], remark),
             ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
-        # The first reason stands in the verdict above.
-        said = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
-        if said:
-            title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
-            notes.append(Details(title, [Paragraph(f"{capitalised(note)}.") for note in said]))
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
     rows += [] if master_curve is None else [_by_shifts(master_curve)]
-    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
+    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows)))
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
@@ -136,14 +130,13 @@ def _by_shifts(curve: xr.Dataset) -> tuple[str, str, str]:
     return title, pages.told(curve, "T_peak", near), f"at {f[near]:.3g} Hz, by the shifts"
 
 
-def _isotherms(table: xr.Dataset, name: str, x_name: str = "") -> list[Series]:
-    """Return one curve per temperature, coldest first, sorted along x, on a scale of colours; points if shifted."""
+def _isotherms(table: xr.Dataset, name: str) -> list[Series]:
+    """Return the shifted points of each temperature, coldest first, on a scale of colours."""
     series: list[Series] = []
     temperature = table["temperature"].values
     span = float(np.ptp(temperature))
     for i in np.argsort(temperature, kind="stable"):
-        x = table[x_name].values[i] if x_name else table["frequency"].values
-        y = table[name].values[i] * _MPA
+        x, y = table["point_reduced_frequency"].values[i], table[f"{name}_reduced"].values[i] * _MPA
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
@@ -151,7 +144,7 @@ def _isotherms(table: xr.Dataset, name: str, x_name: str = "") -> list[Series]:
             title = with_minus(f"{temperature[i]:.0f} °C")
             again = sum(one.name.split(",")[0] == title for one in series)
             title += f", sweep {again + 1}" if again else ""
-            series.append(Series(title, x[good], y[good], style="points" if x_name else "line", level=level))
+            series.append(Series(title, x[good], y[good], style="points", level=level))
     return series
 
 
@@ -229,7 +222,7 @@ def _master(master_curve: xr.Dataset) -> Section:
         y, u = (master_curve[f"{of}master_{name}"].values * _MPA for of in ("", "u_"))
         low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
         curves: list[Series | Band] = [
-            *_isotherms(master_curve, f"{name}_reduced", "point_reduced_frequency"),
+            *_isotherms(master_curve, name),
             Series("fitted spectrum", x, y, role="model"),
             Band("95 %", x, low, y + _COVERAGE * u, role="model"),
         ]
@@ -246,7 +239,7 @@ def _missed(curve: xr.Dataset) -> list[float]:
 
 
 def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset | None] = ()) -> Section:
-    """Show the readings as measured, and their conversion."""
+    """Show how the readings were converted."""
     blocks: list[Block] = []
     factor, u_factor, scale, u_scale = (
         float(sweeps.attrs[name]) for name in ("modulus_factor", "u_modulus_factor", "scale", "u_scale")
@@ -259,11 +252,6 @@ def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset |
         text = "the form factor of the stated specimen over the one that the file's moduli were computed with"
         shown = value_with_uncertainty(scale, u_scale * scale)
         blocks.append(Paragraph(f"All moduli were multiplied by {shown}: {text}."))
-    measured = [
-        pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
-        for name, title in _MODULI.items()
-    ]
-    blocks.append(Details("Moduli in tension over frequency, as measured", measured))
     blocks += pages.raw_headers(pages.present(readings))
     return pages.folded("Readings", "Readings and their conversion", blocks)
 

@@ -1,19 +1,15 @@
 """Budgets of a plate vibration: natural frequency, damping ratio, modal mass."""
 
 from collections.abc import Iterator, Sequence
-from math import hypot, isfinite, tan
+from math import isfinite, tan
 
 import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.plate_vibration.model import of_solids
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock, of_laser
-from pipelines.experiments.shared.material_choice import POISSONS_RATIO, TEMPERATURE
 from pipelines.experiments.shared.pages import present
-
-_RHEOMETER = "DMA"
 
 
 def quantities(
@@ -52,11 +48,8 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
     # the momentum goes with the root of the height, and the mass is a weighted mean over the drops
     each, weights = plate["modal_mass"].values, plate["u_modal_mass"].values ** -2.0
     relative = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
-    errors = {"heights": float(np.sqrt(np.nansum((weights * each * relative) ** 2)) / np.nansum(weights))}
-    for name, (given, _) in of_solids(plate).items():
-        kind = next((k for k in (TEMPERATURE, POISSONS_RATIO) if name.startswith(k)), _RHEOMETER)
-        errors[kind] = hypot(errors.get(kind, 0.0), given.u * float(plate["solid_mass"].sel(uncertain=name)))
-    rest = excess_uncertainty(float(plate["u_mass"]), *parts, *errors.values())
+    heights = float(np.sqrt(np.nansum((weights * each * relative) ** 2)) / np.nansum(weights))
+    rest = excess_uncertainty(float(plate["u_mass"]), *parts, heights)
     freedom = max(float(np.isfinite(each).sum()) - 1.0, 1.0)
 
     def model(mass_of_sphere: float, gain: float, inclination: float, **masses: float) -> float:
@@ -64,5 +57,5 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
         return sum(masses.values()) * mass_of_sphere / ball.mass.value / amplitude
 
     inputs |= {MEASURED: Input(mass, 0.0, "kg"), "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg")}
-    inputs |= {name: Input(0.0, u, "kg") for name, u in errors.items()}
+    inputs["heights"] = Input(0.0, heights, "kg")
     return Quantity("modal mass", "kg", model, inputs | {"repeatability": Input(0.0, rest, "kg", freedom)})

@@ -19,7 +19,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.comparison import SERIES, amplitudes, from_others, height_name, rows
 from pipelines.experiments.plate_vibration.measured import drops_label
-from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
+from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
 from pipelines.experiments.shared.fall_checks import Fall, Repeated
@@ -99,7 +99,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
         own, _ = relative_uncertainty(table, settings)
         shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
         inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
-        inputs |= {} if plate is None else {name: given for name, (given, _) in of_solids(plate).items()}
     # of a body that cannot be, no blow tells which height is wrong
     is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
     causes = list(_causes(table, plate, settings)) if is_body else []

@@ -11,7 +11,7 @@ from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.variables import described
 from pipelines.experiments.plate_vibration.measured import drops_label
-from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
+from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
 
@@ -63,17 +63,10 @@ def height_name(settings: PlateVibration, i: int) -> str:
 
 
 def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
-    """Predict every amplitude from the plate that the other drops find.
+    """Return amplitudes [m] (series,) on the plate that the other drops find, NaN without others, and their weights.
 
-    The plate's mass comes from the amplitudes themselves; only the mass that the others give is
-    independent of an amplitude that it is to predict.
-
-    Returns
-    -------
-    predicted : array (series,)
-        Amplitudes [m]; NaN where there are no others.
-    weights : array (series, series)
-        Of each other drop in the mass on which a prediction is based; rows sum to 1.
+    Only the mass that others give is independent of an amplitude that it is to predict. The weights (series, series)
+    of the others in that mass sum to 1 in each row.
     """
     amplitude = table["amplitude"].values
     each = plate["modal_mass"].values if "modal_mass" in plate else np.full(amplitude.size, np.nan)
@@ -108,8 +101,6 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
     predicted, weights = from_others(table, plate)
     amplitude, (of_amplitude, of_height) = table["amplitude"].values, relative_uncertainty(table, settings)
     total = np.hypot(of_amplitude, of_height)
-    # what two drops share of their solids cancels in the prediction of one by the other
-    solids = {name: (given.u, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
     for i, expected in enumerate(predicted):
         if not np.isfinite(expected):
             yield None
@@ -117,12 +108,11 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
         # effects are factors: seen from the geometric mean, two drops that predict each other differ by as much
         middle = float(np.sqrt(amplitude[i] * expected))
         moves = -middle * (np.eye(amplitude.size)[i] - weights[i])
-        slopes = {name: float(-middle * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
+        slopes: dict[str, float] = {}
         for j in map(int, np.flatnonzero(moves)):
             slopes[f"{SERIES} {j + 1}"] = float(-moves[j])
             slopes[height_name(settings, j)] = float(0.5 * moves[j] / settings.drops[j].height.value)
-        solid = np.linalg.norm([slope[i] * u for u, slope in solids.values()])
-        by_others = np.hypot(np.linalg.norm(weights[i] * total), solid)
+        by_others = np.linalg.norm(weights[i] * total)
         yield row(
             "amplitude at impact",
             "m",

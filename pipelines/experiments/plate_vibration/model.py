@@ -4,7 +4,6 @@ import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,22 +12,11 @@ from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.units import Quantity
 from labpipe.variables import described, variable, with_u
-from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.counter_body import counter_body_of
-from pipelines.experiments.shared.material_choice import (
-    IMPACT_TIMES,
-    POISSONS_RATIO,
-    SPECIMEN,
-    TEMPERATURE,
-    Variation,
-    resolve,
-    variations,
-)
-from pipelines.experiments.shared.model_inputs import inputs_of, table_of
+from pipelines.experiments.shared.material_choice import resolve
 
 _COVERED = 6e-3  # s of simulation after first touch: any contact ends before
 _FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
@@ -37,20 +25,13 @@ _BEFORE, _AFTER = 3e-3, 60e-3  # s around the blow in which measurement and mode
 _STEP = 5e-5  # s, of the compared curves
 
 
-class Solid(NamedTuple):
-    """The solid of some drops, and its uncertain properties by names that drops of one solid share."""
-
-    best: Prony
-    uncertain: dict[str, Variation]
-
-
 def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: PlateVibration) -> xr.Dataset:
     """Find the plate's modal mass from amplitude and momentum: m = J / (A omega).
 
-    J is the part of the simulated force that the plate responds to, the modulus of its transform at
-    the plate's damped frequency; the plate's own yielding is part of the simulation. Uncertain properties
-    of a solid move the masses of all its drops together. ``fitted`` are for each of the drops the master curve of its
-    DMA experiment, where it names one.
+    J is the part of the simulated force that the plate responds to, the modulus of its transform at the plate's damped
+    frequency; the plate's own yielding is part of the simulation. The moduli of the spheres change it by less than a
+    tenth of the uncertainty of amplitudes and heights, and are taken as exact. ``fitted`` are for each of the drops the
+    master curve of its DMA experiment, where it names one.
     """
     names = {"plate_natural_frequency": "frequency", "plate_damping_ratio": "damping_ratio"}
     names |= {f"u_{name}": f"u_{short}" for name, short in names.items()}
@@ -63,66 +44,31 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     scale = table["amplitude"].values[places] * 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
     relative = np.hypot(*relative_uncertainty(table, settings))[places]
     mass, substrate = np.inf, None
-
-    def heard(i: int, solid: Prony) -> float:
-        return _Drop(settings, solid, settings.drops[i].height.value).heard(substrate, frequency, zeta)[0]
-
     for _ in range(_ROUNDS):
         substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
-        momenta = np.array([heard(i, solid.best) for i, solid in known.items()])
-        each = momenta / scale
+        drops = [_Drop(settings, solid, settings.drops[i].height.value) for i, solid in known.items()]
+        each = np.array([drop.heard(substrate, frequency, zeta)[0] for drop in drops]) / scale
         own = each * relative
-        mass, *_ = weighted_mean(each, own)
-    inputs = {name: varied.given for solid in known.values() for name, varied in solid.uncertain.items()}
-    slopes, solves = np.zeros((len(inputs), len(known))), _ROUNDS * len(known)  # relative change of every momentum
-    for place, (i, solid) in enumerate(known.items()):
-        for row, name in enumerate(inputs):
-            if (varied := solid.uncertain.get(name)) is not None:
-                slopes[row, place] = (heard(i, varied.solid) / momenta[place] - 1.0) / varied.change
-                solves += 1
-    sizes = np.array([given.u for given in inputs.values()])
-    u_each = np.hypot(own, each * np.sqrt(np.sum((slopes * sizes[:, None]) ** 2, axis=0)))
-    mass, _, ratio = weighted_mean(each, u_each)
-    weights = u_each**-2.0 / np.sum(u_each**-2.0)
-    by_solids = slopes @ (weights * each)
+        mass, _, ratio = weighted_mean(each, own)
+    weights = own**-2.0 / np.sum(own**-2.0)
     scatter = np.sqrt(max(1.0, ratio)) * np.linalg.norm(weights * own)
     shared = float(table.attrs["u_systematic_relative"])
     shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value)) * mass
-    u_mass = float(np.sqrt(scatter**2 + np.sum((by_solids * sizes) ** 2) + shared**2))
-    made = made.assign(with_u("mass", (), mass, u_mass, "kg", NAMES["modal_mass"]))
-    if inputs:
-        whole = np.zeros((len(inputs), table.sizes["series"]))
-        whole[:, places] = slopes
-        made = made.merge(table_of(inputs))
-        text = "change of the modal mass per SI unit of an input of the solids"
-        made["solid_mass"] = variable("uncertain", by_solids, "kg", text)
-        text = "relative change of the momentum per SI unit of an input of the solids"
-        made["solid_momentum"] = variable(("uncertain", "series"), whole, "1", text)
+    made = made.assign(with_u("mass", (), mass, float(np.hypot(scatter, shared)), "kg", NAMES["modal_mass"]))
     full = np.full((2, table.sizes["series"]), np.nan)
-    full[:, places] = each, u_each
+    full[:, places] = each, own
     made = made.assign(with_u("modal_mass", "series", full[0], full[1], "kg", "modal mass by each of the drops"))
-    return made.assign_attrs(work=json.dumps({"simulated_impacts": solves}))
+    return made.assign_attrs(work=json.dumps({"simulated_impacts": _ROUNDS * len(known)}))
 
 
-def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dict[int, Solid]:
+def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dict[int, Prony]:
     """Return the solids of those drops that name a DMA experiment or a material of the library, by number."""
-    found: dict[int, Solid] = {}
-    solids: dict[tuple[str, Quantity | None], Solid] = {}
+    found: dict[int, Prony] = {}
     for i, (drops, curve) in enumerate(zip(settings.drops, fitted, strict=True)):
         if drops.material_from is not None and curve is None:
             continue  # the DMA experiment failed
-        source = drops.material if drops.material_from is None else drops.material_from.removeprefix(REFERENCE)
-        key = source, drops.temperature
         try:
-            if key not in solids:
-                at = "" if drops.temperature is None else f"{drops.temperature.value:g} °C"
-                # a thermometer is one for all solids, Poisson's ratio and specimen are one for all temperatures
-                shared = {TEMPERATURE: at, POISSONS_RATIO: source, SPECIMEN: source}
-                other = f"{source} at {at}" if at else source
-                uncertain = variations(drops.choice, None, curve, IMPACT_TIMES)
-                named = {f"{name}, {shared.get(name, other)}": each for name, each in uncertain.items()}
-                solids[key] = Solid(resolve(drops.choice, None, curve), named)
-            found[i] = solids[key]
+            found[i] = resolve(drops.choice, None, curve)
         except InputError as error:
             if drops.material_from is not None:
                 raise
@@ -130,18 +76,10 @@ def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dic
     return found
 
 
-def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
-    """Return the uncertain properties of the solids, with the relative change (series,) of the momenta per unit."""
-    return {
-        name: (given, plate["solid_momentum"].values[i]) for i, (name, given) in enumerate(inputs_of(plate).items())
-    }
-
-
 def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> tuple[Floats, Floats]:
     """Return the relative uncertainties (series,) of the mass by each of the drops, from amplitude and from height.
 
-    The momentum goes with the square root of the height. The scale of length and the solids, which several share,
-    are left out.
+    The momentum goes with the square root of the height. The scale of length, which all share, is left out.
     """
     amplitude = table["amplitude"].values
     shared = float(table.attrs["u_systematic_relative"]) * amplitude
@@ -226,7 +164,7 @@ def model(
     time = np.arange(-_BEFORE, _AFTER, _STEP)
     moved = np.full((table.sizes["series"], time.size), np.nan)
     for i, solid in _known(settings, fitted).items():
-        drop = _Drop(settings, solid.best, settings.drops[i].height.value)
+        drop = _Drop(settings, solid, settings.drops[i].height.value)
         moved[i] = drop.seen(found, time, settings.model.rtol, full=full)
     made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
     return made.assign(displacement=variable(("series", "time"), moved, "m", "simulated displacement of the plate"))

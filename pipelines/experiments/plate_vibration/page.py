@@ -26,10 +26,7 @@ def _details(
     both = ("natural_frequency", "damping_ratio")
     rows = [(NAMES[name], pages.told(table, f"plate_{name}"), remark) for name in both]
     if plate is not None and np.isfinite(float(plate["mass"])):
-        remark = "from amplitude and simulated momentum"
-        for has_dma, text in ((True, "DMA of {} is included"), (False, "library's moduli of {} is not included")):
-            names = sorted({d.material for d in settings.drops if (d.material_from is not None) == has_dma})
-            remark += f"; the uncertainty of the {text.format(' and '.join(names))}" if names else ""
+        remark = "from amplitude and simulated momentum; the uncertainty of the spheres' moduli is not included"
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
     return rows
 

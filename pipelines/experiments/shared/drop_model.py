@@ -132,10 +132,7 @@ def _with_slopes(
     found: Mapping[str, Floats],
     of_budget: str,
 ) -> xr.Dataset:
-    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts.
-
-    ``found`` are results (1 + input, impact) as stated and with a step of each input.
-    """
+    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts."""
     count, u = made.sizes["impact"], np.array([one.u for one in given.values()])[:, None]
     by = np.array([steps[name] for name in given])[:, None]
     slopes = {name: (values[1:] - values[0]) / by for name, values in found.items()}

@@ -1,7 +1,7 @@
-"""Checks of a film: whole, in order, steadily lit and exposed, with the rate and exposure that a session states."""
+"""Checks of a film: whole, in order, not over-exposed, with the exposure that a session states."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 from math import inf
@@ -29,7 +29,7 @@ _EVERY = 4  # rows and columns of which one is read for the light
 _SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
 LIGHT, _SAID = "light", "said_by_file"
-_ROUNDED = 0.01  # relative difference of a rate or exposure as a person writes it and as a camera sets it
+_ROUNDED = 0.01  # relative difference of an exposure as a person writes it and as a camera sets it
 _BURST = 5.0  # percentile of the intervals that is the one within bursts
 _IN_NOISE, _LEFT = 10.0, 0.3
 """Multiple of the usual bend from which a frame is an outlier, and share of the bends that may be left
@@ -194,35 +194,22 @@ def said_by_file(film: FrameSource) -> str:
     return json.dumps({"interval": interval, "exposure": float(np.median(known)) if known.size else None})
 
 
-def stated_twice(
-    found: xr.Dataset, film: str, frame_rate: Quantity | None, exposure: Quantity | None = None
-) -> Iterator[Check]:
-    """Compare rate and exposure of session.toml with those of the film's file, where both state them."""
-    said = json.loads(found.attrs.get(_SAID, "{}"))
-    if frame_rate is not None and said.get("interval"):
-        rate = 1.0 / said["interval"]
-        text = f"{film}: by its own times, which are used, it has {quantity(rate, 'Hz')}; "
-        text += f"session.toml says frame_rate = {quantity(frame_rate.value, 'Hz')}"
-        cause = "frame_rate has no effect on a film that holds its times: delete it; or these times are wrong"
-        level: Level = "doubtful" if _differ(rate, frame_rate) else "note"
-        yield stated("frame rate stated", text, level, cause=cause, setting="frame_rate")
-    own = said.get("exposure")
+def exposure_stated(found: xr.Dataset, film: str, exposure: Quantity | None) -> Check:
+    """Compare the exposure of session.toml with that of the film's file, else with the interval between frames."""
+    name, own = "exposure stated", json.loads(found.attrs.get(_SAID, "{}")).get("exposure")
     if exposure is None or not (own or "time" in found):
-        return
+        return not_made(name, "an exposure in session.toml")
     # a shutter that was open for longer is right where a flash lit the frames; nothing is longer than an interval
     interval = float(np.percentile(np.diff(found["time"].values), _BURST)) if "time" in found else np.inf
-    limit, name = (own, "the shutter was open for") if own else (interval, "a frame each")
-    is_longer = _differ(limit, exposure) and exposure.value > limit
-    text = f"{film}: {name} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, "
-    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
-    level = "doubtful" if own else "impossible"
-    yield stated(
-        "exposure stated", f"{text}which is used", level if is_longer else None, cause=cause, setting="exposure"
+    limit, what = (own, "the shutter was open for") if own else (interval, "a frame each")
+    is_longer = exposure.value - limit > _ROUNDED * exposure.value + 4.0 * exposure.u
+    text = (
+        f"{film}: {what} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, which "
     )
-
-
-def _differ(value: float, given: Quantity) -> bool:
-    return abs(value - given.value) > _ROUNDED * given.value + 4.0 * given.u
+    text += "is used"
+    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
+    level: Level | None = None if not is_longer else "doubtful" if own else "impossible"
+    return stated(name, text, level, cause=cause, setting="exposure")
 
 
 def wrong_rate(

@@ -62,11 +62,7 @@ def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | Non
 
 
 def _is_exchanged(film: FrameSource) -> bool:
-    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width.
-
-    The shape of a film is a number in its header: pixels below each other are similar at the distance
-    of a row, and nowhere near it.
-    """
+    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width."""
     _, rows, columns = film.shape
     sound = np.flatnonzero(film.valid) if rows != columns else np.empty(0, int)
     if not sound.size or 2 * rows * columns < 3 * max(rows, columns):

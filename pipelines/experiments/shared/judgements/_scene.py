@@ -28,7 +28,7 @@ Titles = Mapping[str, Title]
 OF_FILM: Titles = {
     "frames": Title(
         "A film holds every frame once, whole, unaltered and in order.",
-        ("times of the frames", "whole film", "frames differ", "order of the frames", "frame rate stated"),
+        ("times of the frames", "whole film", "frames differ", "order of the frames"),
     ),
     "light and exposure": Title(
         "No frame is over-exposed, and the exposure is the stated one.",

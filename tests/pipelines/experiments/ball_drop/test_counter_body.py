@@ -7,11 +7,6 @@ import numpy as np
 import pytest
 
 from labpipe import contact, files, materials
-from labpipe.errors import ConfigError
-from labpipe.units import Quantity
-from labpipe.workflow import config
-from pipelines.experiments.shared.counter_body import modulus_of
-from pipelines.experiments.shared.settings import Flat, Table
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import STATED_FLOOR
@@ -62,21 +57,3 @@ def test_the_page_says_what_it_lies_on_and_where_linearity_ends(session: Path) -
     force, radius = (float(made[name][0]) for name in ("peak_force", "peak_contact_radius"))
     assert known["pressure"] == pytest.approx(1.5 * force / np.pi / radius**2)
     assert known["onset"] == pytest.approx(1.6 * (stress.value + 15e6 * np.log10(known["rate"] / 1e-3)))
-
-
-def test_a_mistake_is_named_with_its_line(tmp_path: Path) -> None:
-    def read(flat: str) -> dict[str, Quantity]:
-        (tmp_path / "a.toml").write_text(f"counter_body = {flat}\n")
-        return modulus_of(config.read(tmp_path / "a.toml", Drop).counter_body)
-
-    assert read('{ E = "70 GPa ± 2 GPa", nu = 0.22 }') == {"counter-body": Quantity(70e9, 2e9, "Pa")}
-    for wrong, words in (
-        ('"saphire"', 'counter_body: expected one of "sapphire", "rigid"'),
-        ('{ E = "403", nu = 0.2 }', "counter_body.E: expected a modulus"),
-    ):
-        with pytest.raises(ConfigError, match=rf"a.toml:1: {words}"):
-            read(wrong)
-
-
-class Drop(Table, frozen=True, kw_only=True):
-    counter_body: Flat = "sapphire"

@@ -1,82 +1,9 @@
-"""Film and model: aligned by a small shift in time, and compared in size by all frames of a contact."""
+"""Size and shift of a contact in a film, by all its frames."""
 
 import numpy as np
-import pytest
 import xarray as xr
 
-from labpipe.units import Quantity
-from pipelines.experiments.contact_area.comparison import Form, _fit, comparison
-from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.settings import Sphere
-
-US, UM = 1e-6, 1e-6
-_SETTINGS = ContactArea(
-    kind="contact_area",
-    film="film/a.cine",
-    camera="calibration/camera_under.toml",
-    height=Quantity(1.5e-3, 5e-6, "m"),
-    sphere=Sphere(radius=Quantity(9.525e-3, 5e-6, "m"), mass=Quantity(0.505, 5e-4, "kg"), material="acrylic"),
-)
-
-
-def shape(t: np.ndarray) -> np.ndarray:
-    """A contact of 1 ms about t = 0, steep at its ends as the one of an impact."""
-    return 800 * UM * np.sqrt(np.clip(np.cos(np.pi * t / 1e-3), 0.0, None))
-
-
-def _model() -> xr.Dataset:
-    when = np.arange(0.0, 3e-3, 2e-6)
-    return xr.Dataset(
-        {
-            "contact_radius": ("time", shape(when - 1e-3)),
-            "impact_time": ("impact", [0.5e-3]),
-            "lift_off_time": ("impact", [1.5e-3]),
-            "peak_contact_radius": ("impact", [800 * UM]),
-            "u_peak_contact_radius": ("impact", [1 * UM]),
-            "adhesion_shift": ("impact", [0.7 * UM]),
-            "u_adhesion_shift": ("impact", [0.4 * UM]),
-        },
-        coords={"time": when, "impact": [1]},
-    )
-
-
-def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
-    """Frames of a contact of which the time of the largest radius is told wrong by ``offset``."""
-    time = (np.arange(count) - 0.5 * (count - 1)) * 0.9e-3 / count
-    a = factor * shape(time)
-    film = xr.Dataset(
-        {name: ("frame", np.full(count, 0.1 * UM)) for name in ("u_radius", "radius_systematic")}
-        | {"radius": ("frame", a), "in_contact": ("frame", a > 0.0)},
-        coords={"time": ("frame", time)},
-    )
-    found = xr.Dataset(
-        {
-            "peak_time": ("impact", [offset]),
-            "first_seen": ("impact", [time[0]]),
-            "last_seen": ("impact", [time[-1]]),
-            "peak_radius": ("impact", [800 * UM]),
-            "u_peak_radius": ("impact", [1 * UM]),
-        },
-        coords={"impact": [1]},
-    )
-    return comparison(film, found, _model(), settings=_SETTINGS)
-
-
-@pytest.mark.parametrize("offset", [-12 * US, 5 * US, 30 * US])
-def test_a_wrong_time_of_the_peak_is_made_up_for(offset: float) -> None:
-    made = compared(offset)
-    assert float(made["time_shift"][0]) == pytest.approx(offset, abs=0.5 * US)
-    assert float(np.abs(made["film"] - made["model"]).max()) < 0.5 * UM
-
-
-@pytest.mark.parametrize(("offset", "count"), [(5 * US, 3), (350 * US, 10)])
-def test_few_frames_or_a_large_shift_are_left_as_they_are(offset: float, count: int) -> None:
-    made = compared(offset, count)
-    assert float(made["time_shift"][0]) == 0.0
-    assert np.isnan(float(made["u_time_shift"][0]))
-
-
-# --- size of a contact --------------------------------------------------------------------------
+from pipelines.experiments.contact_area.comparison import Form, _fit
 
 _TIME = np.arange(0.0, 4e-3, 2e-5)
 

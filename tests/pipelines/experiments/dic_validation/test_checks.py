@@ -1,6 +1,5 @@
 """Mistakes with films of a falling holder are named; clean films are believed."""
 
-import msgspec
 import numpy as np
 import pytest
 import xarray as xr
@@ -8,10 +7,10 @@ import xarray as xr
 from labpipe import contact, materials
 from labpipe.errors import InputError
 from labpipe.variables import variable
-from labpipe.workflow.context import Context, Failed
+from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation import checks, measured
 from pipelines.experiments.dic_validation.comparison import comparison
-from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.judgements import believed
 
 pytestmark = pytest.mark.filterwarnings(
@@ -180,21 +179,3 @@ def test_a_lens_that_is_refocused_is_doubtful(motion, laser):
         track[name].values[240:] += 0.05
     told = finding(judged(motion, laser, track=track)[0], "size of the image")
     assert (told.level, "grows by 5.0" in told.message, "focus" in told.cause) == ("doubtful", True, True)
-
-
-@pytest.mark.parametrize(
-    ("reason", "setting", "cause"),
-    [
-        ("tracking.line", "tracking.line", "tracking.line does not lie in the images"),
-        ("covers", "tracking.covers", "the polygon is not drawn in px of the first image"),
-        ("", "", "the film is not what the session says"),
-    ],
-)
-def test_what_a_step_failed_over_is_told_by_its_reason_not_by_its_words(reason, setting, cause):
-    """A file called covers.cine was blamed on the polygons."""
-    failed = (Failed("track", None, "films/covers.cine: polygon 1 or a place", reason=reason),)
-    context = Context("film", "dic_validation", "", "", "", True, failures=failed)
-    drawn = msgspec.structs.replace(SETTINGS, tracking=Tracking(covers=[[(0.0, 0.0), (9.0, 0.0), (0.0, 9.0)]]))
-    found = believed(checks.judgement(None, None, None, None, None, settings=drawn, context=context))
-    (told,) = (one for one in found.checks if one.level and one.name == "step track")
-    assert (told.setting, told.cause.startswith(cause)) == (setting, True)

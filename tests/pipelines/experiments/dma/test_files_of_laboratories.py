@@ -1,7 +1,6 @@
 """Sweeps as other laboratories keep them, from the folder to the master curve."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ BROAD = Prony(5e6, 1e8 / (1 + np.log10(RHO) ** 2), RHO, nu=0.35)
 """As broad as polymers are: times tell the moduli at frequencies of a smooth spectrum only."""
 FREQUENCY = np.geomspace(0.1, 10, 7)
 SHIFT = {20.0: 1.0, 40.0: 0.0, 60.0: -1.0}
-HEAD = 'labpipe = 1\n[session]\ntitle = "melt"\n'
 
 
 def rows(t, sep="\t"):
@@ -116,15 +114,3 @@ def test_relaxation_tests_are_sweeps_of_a_master_curve(tmp_path):
         warnings.simplefilter("ignore")
         curve = model.master_curve(sweeps, settings=settings)
     np.testing.assert_allclose(curve.log10_aT, list(SHIFT.values()), atol=0.05)
-
-
-SAMPLES = Path(__file__).parents[4] / "../shared/samples/rheocompass"
-
-
-@pytest.mark.skipif(not SAMPLES.exists(), reason="the sample files lie beside the checkout only")
-def test_a_relaxation_of_a_rheometer_goes_into_the_spectrum():
-    file = SAMPLES / "multiple_relaxation.csv"
-    settings = settings_for([file.name], temperature=degrees(25.0))
-    found = measured.readings(file, settings=settings)
-    assert (found.storage_modulus > 0).all()
-    assert set(np.unique(found.temperature)) == {25.0}

@@ -17,7 +17,7 @@ from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
-from pipelines.rig.session_text import from_dma, plate_laser_record
+from pipelines.rig.session_text import plate_laser_record
 from pipelines.session import open_session, process, result
 from tests.pipelines.budgets import quantities
 from tests.pipelines.small import START, write_plate
@@ -68,46 +68,6 @@ def test_frequency_is_the_plate_s_and_the_modal_mass_the_true_one(session: Path)
     for name, true in (("mass", 30.0), ("frequency", 180.0), ("damping_ratio", 0.03)):
         assert abs(float(plate[name]) - true) < 3.5 * float(plate[f"u_{name}"]), name
     assert float(plate["u_mass"]) < 0.01 * float(plate["mass"])
-
-
-def test_the_dma_s_uncertainty_stands_in_the_mass(session: Path) -> None:
-    plate = result(session, "plate", "plate")
-    names = [str(name) for name in plate["uncertain"].values]
-    for said in ("temperature, 20 °C", "Poisson's ratio, ptfe_dma", "DMA, specimen, acrylic_dma"):
-        assert said in names
-    assert any("mode 1, ptfe_dma at 20 °C" in name for name in names)
-    by_solids = float(np.linalg.norm(plate["solid_mass"].values * plate["input_u"].values))
-    assert 0.0 < by_solids < float(plate["u_mass"])
-    of_ptfe = plate["solid_momentum"].sel(uncertain="DMA, specimen, ptfe_dma").values
-    assert of_ptfe[0] == 0.0  # acrylic knows nothing of it
-    assert of_ptfe[1] != 0.0
-    assert "the uncertainty of the DMA of acrylic and ptfe is included" in _page(session)
-
-
-def _page(session: Path) -> str:
-    return (session / "labpipe/reports/plate.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [('height = "5 ', 'height = "10 '), (f'material = "ptfe"\n{from_dma("ptfe")}', 'material = "peek"\n')],
-    ids=["height", "material"],
-)
-def test_a_wrong_input_shows_in_the_comparison(session: Path, tmp_path: Path, old: str, new: str) -> None:
-    """One plate cannot fit both drops when PTFE is said to be PEEK, or to fall twice as far.
-
-    A wrong mass or inclination scales every blow alike: it is found in the modal mass instead.
-    """
-    folder = tmp_path / "session"
-    shutil.copytree(session, folder)
-    path = folder / "session.toml"
-    head, second = path.read_text("utf-8").split('[[experiments.plate.drops]]\nmaterial = "ptfe"')
-    second = f'[[experiments.plate.drops]]\nmaterial = "ptfe"{second}'
-    assert old in second
-    path.write_text(head + second.replace(old, new, 1), "utf-8")
-    outcome = process(folder, ["comparison"], ["plate"], jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    assert float(result(folder, "plate", "comparison")["nrmse"].max()) > 0.05
 
 
 def test_two_drops_that_predict_each_other_differ_by_as_much_in_units_of_u(session: Path) -> None:

@@ -22,10 +22,10 @@ from pipelines.experiments.shared.film_checks import (
     exchanged,
     explained,
     exposed,
+    exposure_stated,
     light_of,
     repeated,
     said_by_file,
-    stated_twice,
     whole_film,
     wrong_rate,
 )
@@ -68,29 +68,11 @@ def film(tmp_path: Path) -> Callable[..., xr.Dataset]:
     return written
 
 
-@pytest.mark.filterwarnings("ignore:.*dropped by the camera")
-@pytest.mark.parametrize(
-    ("rate", "level", "is_in_bursts"),
-    [(1.005 * RATE, "note", False), (1.03 * RATE, "doubtful", False), (RATE, "note", True)],
-)
-def test_a_rate_that_the_film_knows_better_has_no_effect(
-    film: Callable[..., xr.Dataset], rate: float, level: str, *, is_in_bursts: bool
-) -> None:
-    time = np.arange(COUNT) / RATE
-    if is_in_bursts:
-        time = np.concatenate([time[:8], 7 / RATE + 5e-3 + 5e-3 * np.arange(20)])
-    found = film(time)
-    (check,) = stated_twice(found, "a.cine", Quantity(rate, 0.0, "Hz"))
-    assert (check.level, check.setting) == (level, "frame_rate")
-    assert "no effect" in check.cause
-    assert not wrong_rate({}, Quantity(rate, 0.0, "Hz"), found, "a.cine").setting
-
-
 @pytest.mark.parametrize(("seconds", "level"), [(SHUTTER, None), (1e-6, None), (5e-3, "doubtful")])
 def test_a_stated_exposure_is_a_flash_or_contradicts_the_shutter(
     film: Callable[..., xr.Dataset], seconds: float, level: str | None
 ) -> None:
-    (check,) = stated_twice(film(np.arange(COUNT) / RATE), "a.cine", None, Quantity(seconds, 0.0, "s"))
+    check = exposure_stated(film(np.arange(COUNT) / RATE), "a.cine", Quantity(seconds, 0.0, "s"))
     assert (check.level, check.setting) == (level, "exposure")
     assert "5.00 µs" in check.message
 
@@ -98,7 +80,7 @@ def test_a_stated_exposure_is_a_flash_or_contradicts_the_shutter(
 def test_images_hold_neither_so_that_nothing_contradicts() -> None:
     found = xr.Dataset(attrs={"said_by_file": said_by_file(as_frames(np.zeros((4, 8, 8), np.uint8)))})
     rate = Quantity(RATE, 0.0, "Hz")
-    assert list(stated_twice(found, "frames", rate, Quantity(SHUTTER, 0.0, "s"))) == []
+    assert not exposure_stated(found, "frames", Quantity(SHUTTER, 0.0, "s")).is_made
     assert wrong_rate({}, rate, found, "a.cine").setting == "frame_rate"
 
 
