@@ -224,8 +224,8 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verd
     return {
         "session": outcome.session.root,
         "steps": steps,
-        "experiments": [] if judged is None else judged.document(),
-        "findings": [] if judged is None else judged.notes_document(),
+        "experiments": [] if judged is None else judged["experiments"],
+        "findings": [] if judged is None else judged["findings"],
         "reports": outcome.reports,
         "waiting": outcome.session.waiting,
         "excluded": excluded_in(outcome.session),

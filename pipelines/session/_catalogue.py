@@ -64,7 +64,6 @@ CHECKS, KEYS = "checks", "key numbers"
 CATALOGUE = "labpipe/catalogue.sqlite"
 PAGE, TREND_PAGE = "catalogue.html", "trend.html"
 """In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
-_TIED = "\N{NON-BREAKING HYPHEN}"
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
 _LAYOUT = 7
 """Raised when the tables change; rows of another layout are made anew."""
@@ -430,7 +429,6 @@ def _table(opened: Opened, kind: str, own: pd.DataFrame) -> Table:
     """List the experiments of a kind, the latest first."""
     own = own.sort_values("recorded", ascending=False, kind="stable", na_position="last")
     named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
-    own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
     columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
     numbers = opened.select("results", f"stage = '{KEYS}'")
     for title in dict.fromkeys(numbers.loc[numbers["kind"] == kind, "variable"]):

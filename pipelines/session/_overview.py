@@ -197,8 +197,7 @@ def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | Scatte
     if dataset is None or source.x not in dataset.variables or dataset[source.x].ndim < 2:
         return None
     loops = [values[:, np.isfinite(values.sum(0))] for values in np.stack([dataset[source.x], dataset[source.y]], 1)]
-    series = [Series(str(i), *loop) for i, loop in enumerate(loops) if loop.size]
-    return ScatterChart("", source.x, source.y, series) if series else None
+    return ScatterChart("", source.x, source.y, [Series(str(i), *one) for i, one in enumerate(loops) if one.size])
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:

@@ -93,14 +93,6 @@ def publish(
     -------
     Published
 
-    Raises
-    ------
-    ConfigError
-        The session states no licence or no creators (the line to add is given), or a file has the name of a person
-        that is to be left out.
-    UsageError
-        The folder exists already, or the library ``rocrate`` is not installed.
-
     Examples
     --------
     >>> publish("my-session", "my-package", anonymous=True)  # doctest: +SKIP
@@ -380,6 +372,8 @@ class Verified:
 def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], None] | None = None) -> Verified:
     """Check a published package: its checksums, and its numbers by processing its raw files again.
 
+    StoreError names the files that are missing or were changed since.
+
     Parameters
     ----------
     folder : path-like
@@ -390,11 +384,6 @@ def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], Non
     Returns
     -------
     Verified
-
-    Raises
-    ------
-    StoreError
-        Files are missing or were changed since; they are named.
 
     Examples
     --------

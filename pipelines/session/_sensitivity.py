@@ -17,7 +17,7 @@ import pandas as pd
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.report import Block, Column, Details, Listed, Paragraph, Section, Table, listed, shown_source
+from labpipe.report import Block, Column, Paragraph, Section, Table, shown_source
 from labpipe.uncertainty import (
     Budget,
     Indices,
@@ -147,15 +147,7 @@ def _page(session: Session, kind: str, found: Sequence[Examined]) -> str:
         own = [e for e in found if e.experiment == name]
         propagated = [(e.quantity, e.budget, e.drawn) for e in own]
         table = budget_blocks.overview(propagated, "to halve the uncertainty", [e.advice for e in own])
-        rows = [(e.quantity.name, source, indices) for e in own for source, indices in e.indices.items()]
-        shares = listed([
-            Listed("quantity", [quantity for quantity, *_ in rows]),
-            Listed("input", [shown_source(source) for _, source, _ in rows]),
-            # an estimated share may be a little below zero
-            Listed("Sobol, alone", [100.0 * max(indices.first, 0.0) for *_, indices in rows], "%", digits=3),
-            Listed("Sobol, in all", [100.0 * max(indices.total, 0.0) for *_, indices in rows], "%", digits=3),
-        ])  # fmt: skip
-        sections.append(Section(name, (table, Details("Shares of the variance", blocks=(shares,)))))
+        sections.append(Section(name, (table,)))
     return session_document(session, f"Uncertainty and sensitivity: {KINDS[kind].title}", sections)
 
 

@@ -118,17 +118,9 @@ class Verdicts(ShownAsTable):
         """Whether any record contradicts itself, physics, or the session's statements."""
         return any(v.believable == "impossible" for v in self.experiments)
 
-    def document(self) -> list[dict[str, Any]]:
-        """Return all verdicts for JSON."""
-        return [verdict.document() for verdict in self.experiments]
-
-    def notes_document(self) -> list[dict[str, Any]]:
-        """Return the notes for JSON."""
-        return _documents(self.notes)
-
     def __getitem__(self, name: str) -> list[dict[str, Any]]:
         """Return ``verdicts["experiments"]`` or ``["findings"]`` as in the JSON of ``process``."""
-        return {"experiments": self.document, "findings": self.notes_document}[name]()
+        return {"experiments": [v.document() for v in self.experiments], "findings": _documents(self.notes)}[name]
 
     def _shown(self) -> Shown:
         rows = [
