@@ -20,8 +20,8 @@ from labpipe.workflow.plan import Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
-from pipelines.experiments import KINDS, Derived, function
-from pipelines.session._overview import write_overview
+from pipelines.experiments import JUDGEMENT, KINDS, Derived, function
+from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, load, needed, opened, reopen_session
 from pipelines.session._stated import fill
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from labpipe.report import Report
     from labpipe.workflow.results import Event, RunResult
     from labpipe.workflow.runner import Options
+    from pipelines.experiments.shared.comparison_rows import Row
+    from pipelines.session._comparison import Comparison
     from pipelines.session._verdicts import Verdicts
 
 _HEAD = re.compile(r"^[ \t]*\[[ \t]*session[ \t]*\][^\n]*\n", re.MULTILINE)
@@ -182,6 +184,69 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
     for outcome in run.failures:
         raise InputError(f"{outcome.task}: {outcome.message}")
     return opened(folder)
+
+
+def compare(
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
+) -> Comparison:
+    """Compare measurement and model of every experiment of a session, on one page.
+
+    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    jobs, keep, progress
+        As of :func:`labpipe.process`; kept are by default the results that an earlier run kept.
+
+    Returns
+    -------
+    Comparison
+        Rows with the measured and the simulated value of each quantity, and the page.
+
+    Examples
+    --------
+    >>> for row in compare("my-session").rows:  # doctest: +SKIP
+    ...     print(row.experiment, row.quantity, row.measured, row.model)
+    """
+    from pipelines.experiments.shared import judgements
+    from pipelines.session._comparison import Comparison, compared, write_comparison
+    from pipelines.session._verdicts import stored_verdicts
+
+    session = reopen_session(folder)
+    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
+    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
+    names = {target.split("/")[0] for target in wanted}
+    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
+    results = opened(folder)
+    verdicts = stored_verdicts(results)
+    failed: dict[str, str] = {}
+    for outcome in run.failures if run else ():
+        name = outcome.task.experiment
+        likely = verdicts[name].cause if name in verdicts else ""
+        cause = f". Likely: {likely}" if likely else ""
+        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
+    rows: list[Row] = []
+    absent: dict[str, str] = {}
+    for name in (name for name in session.experiments if name not in failed):
+        tasks = [task for task in results.plan.tasks if task.experiment == name]
+        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
+        own = [replace(row, kept=kept) for row in compared(results, name) or []]
+        rows += own
+        if not own:
+            absent[name] = "it has no model: session.toml names nothing to simulate"
+    whole = [
+        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
+        | judgements.compared(results.result(name, JUDGEMENT))
+        for name in judged
+        if name not in failed
+    ]
+    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
+    write_comparison(session, found, verdicts)
+    return found
 
 
 def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:

@@ -41,9 +41,8 @@ def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
     return load(path, may_lack=pages)
 
 
-def reopen_session(folder: str | Path) -> Session:
-    """Open a session as :func:`open_session`, but let experiments that have a page lack files."""
-    return open_session(folder, is_processed=True)
+reopen_session = partial(open_session, is_processed=True)
+"""Open a session as :func:`open_session`, but let experiments that have a page lack files."""
 
 
 def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:

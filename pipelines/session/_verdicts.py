@@ -76,16 +76,6 @@ class Verdict:
     n_of_session: int = 0
 
     @property
-    def own(self) -> tuple[Finding, ...]:
-        """The findings of the experiment by itself."""
-        return self.findings[: len(self.findings) - self.n_of_session]
-
-    @property
-    def of_session(self) -> tuple[Finding, ...]:
-        """The findings that follow from the session as a whole."""
-        return self.findings[len(self.findings) - self.n_of_session :]
-
-    @property
     def cause(self) -> str:
         """The most likely mistake in the record; empty where it is believable, or nothing is known."""
         grave = [finding for finding in self.findings if finding.level == self.believable]
@@ -181,7 +171,7 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     if not judged and not kept:
         return {}
     marks = _marks(results)
-    known = {n: one.verdict for n, one in kept.items() if marks.get(n) == one.mark}
+    known = {name: one for name, (mark, one) in kept.items() if marks.get(name) == mark}
     made = [
         _of_result(session, session.experiments[name], "done", result)
         for name, row in judged.items()
@@ -192,18 +182,11 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     return {name: one for name in session.experiments if (one := new.get(name) or known.get(name)) is not None}
 
 
-class _Kept(msgspec.Struct):
-    """A verdict, and the digest of all that it comes from."""
-
-    mark: str
-    verdict: Verdict
-
-
-def _kept(results: Results) -> tuple[Path, dict[str, _Kept]]:
-    """Return the file of kept verdicts, and these by experiment; none where it is absent or damaged."""
+def _kept(results: Results) -> tuple[Path, dict[str, tuple[str, Verdict]]]:
+    """Return the file of kept verdicts, and by experiment its mark and verdict; none where it is absent or damaged."""
     path = Store(results.plan.session.folder).root / VERDICTS
     try:
-        return path, msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, _Kept])
+        return path, msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, tuple[str, Verdict]])
     except (OSError, msgspec.ValidationError):
         return path, {}
 
@@ -212,8 +195,8 @@ def _keep(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     """Keep verdicts in addition to those that are still true."""
     if verdicts:
         marks, (path, known) = _marks(results), _kept(results)
-        kept = {name: one for name, one in known.items() if marks.get(name) == one.mark}
-        kept |= {name: _Kept(marks[name], one) for name, one in verdicts.items()}
+        kept = {name: one for name, one in known.items() if marks.get(name) == one[0]}
+        kept |= {name: (marks[name], one) for name, one in verdicts.items()}
         with contextlib.suppress(StorageError):  # it only saves time
             files.write_bytes(path, files.seal(msgspec.to_builtins(dict(sorted(kept.items())))))
 
