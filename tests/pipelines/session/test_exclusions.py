@@ -10,11 +10,10 @@ import pytest
 
 import labpipe as lp
 from labpipe.errors import InputError, UsageError
-from labpipe.frames import ArrayFrames
 from labpipe.workflow import session as sessions
 from labpipe.workflow.exclusions import Note
 from pipelines.cli import main
-from pipelines.experiments.shared.exclusions import EXCLUDED, without_frames
+from pipelines.experiments.shared.exclusions import EXCLUDED
 from pipelines.session import SETTINGS, open_session, with_note
 
 DROP = "[experiments.drop]\n"
@@ -83,12 +82,6 @@ def test_nothing_left_and_readings_beyond_the_file_are_refused(session_copy: Pat
     excluding(session_copy, '{ file = "laser/drop_1.csv", readings = [99999999], reason = "x" }')
     failed = lp.process(session_copy, "readings", "drop", jobs=0).failures
     assert "correct the numbers" in failed[0].message
-
-
-def test_excluded_frames_are_not_read() -> None:
-    film = without_frames(ArrayFrames(np.ones((4, 8, 8), np.uint8)), np.array([False, True, False, False]))
-    assert film.valid.tolist() == film.roi(slice(0, 4), slice(0, 4)).valid.tolist() == [True, False, True, True]
-    assert film.levels == (0.0, 255.0)
 
 
 def test_a_note_is_appended_and_nothing_else_changes(session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,16 +47,6 @@ def test_an_answer_that_does_not_fit_says_what_would(key: str, unit: str, answer
     assert words in str(caught.value)
 
 
-def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
-    text = 'wavelength = "FILL nm"  # of the light; "none" for white light\nheight = "FILL mm"\n'
-    first, second = gaps(text)
-    assert checked(first, "None") == "none"
-    with pytest.raises(InputError):
-        checked(second, "none")
-    left = filled({"session.toml": text}, lambda gap: "none" if gap.may_be_left_out else "7 mm")
-    assert left["session.toml"] == '# wavelength: there is none\nheight = "7 mm"\n'
-
-
 def test_a_specimen_is_asked_for_once_and_nothing_of_it_is_offered_for_another() -> None:
     lines = {"a": 'material_from = "pmma_dma"', "b": 'material = "FILL"', "c": 'material = "ptfe"'}
     spheres = [f'[experiments.{name}.sphere]\nradius = "FILL mm"\n{line}\n' for name, line in lines.items()]
@@ -111,10 +101,3 @@ def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
     assert list(session.experiments) == ["acrylic_1p5mm"]
     assert load_record(pile / "calibration/laser.toml").who == "A. Person"
     assert process(pile, ["displacement"], jobs=0).exit_code == 0
-
-
-def test_ctrl_c_during_the_questions_writes_nothing(pile: Path) -> None:
-    done = CliRunner().invoke(command, [str(pile), "--ask"], input="9.5\n")
-    assert done.exit_code == 1  # the input ended; `labpipe` itself turns this into 130
-    assert not (pile / "session.toml").exists()
-    assert not (pile / "calibration").exists()

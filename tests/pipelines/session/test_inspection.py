@@ -33,14 +33,6 @@ def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None
     assert Status.RANGEOVER_P == 1
 
 
-def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(small_session: Path) -> None:
-    found = describe(small_session / "mach1/nbr.txt")
-    assert found["problems"] == []
-    assert found["rate"] == "100 Hz"
-    function = next(row for row in found["variables"] if row["name"] == "function")
-    assert "Sinusoid" in function["values"]
-
-
 @needs_films
 def test_records_sessions_results_and_pictures_are_known(processed_session: Path, tmp_path: Path) -> None:
     record = describe(processed_session / "calibration/laser.toml")

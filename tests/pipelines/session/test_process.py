@@ -56,16 +56,6 @@ def test_a_changed_setting_reruns_only_what_stands_behind_it(session_copy: Path)
     assert done == to_run  # the plan said so beforehand
 
 
-def test_one_changed_recording_reruns_only_its_own_steps(session_copy: Path) -> None:
-    path = session_copy / "laser/drop_2.csv"
-    lines = path.read_bytes().split(b"\r\n")
-    lines[-2] = lines[-3].replace(lines[-3].split(b",")[0], lines[-2].split(b",")[0])
-    path.write_bytes(b"\r\n".join(lines))
-    rows = plan(session_copy).to_run
-    assert {row.recording for row in rows if row.recording} == {"laser/drop_2.csv"}
-    assert any("laser/drop_2.csv changed" in row.reason for row in rows)
-
-
 def test_the_inclination_is_recovered_from_the_drop_height(session_copy: Path) -> None:
     path = session_copy / "session.toml"
     section = "\n[experiments.drop.analysis]\ninclination_from_height = true\n"
@@ -81,7 +71,6 @@ def test_the_inclination_is_recovered_from_the_drop_height(session_copy: Path) -
 def test_two_workers_give_the_bytes_of_this_process(
     small_session: Path, pristine_session: Path, tmp_path: Path
 ) -> None:
-    import shutil
 
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
@@ -136,15 +125,6 @@ def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None
     assert Store(session_copy).check() == []
     assert report(session_copy, "nbr").path.is_file()
     assert export(session_copy, only=["nbr"]).paths
-
-
-def test_a_missing_recording_is_a_mistake_before_anything_was_processed(session_copy: Path) -> None:
-    shutil.rmtree(session_copy / "labpipe")
-    (session_copy / "laser/drop_2.csv").unlink()
-    for _ in range(2):
-        outcome = process(session_copy, jobs=0)
-        assert {o.experiment for o in outcome.outcomes} == {"nbr"}
-        assert "there is no file" in outcome.session.waiting["drop"][0]
 
 
 def _with_gap(folder: Path, kind: str) -> None:

@@ -1,11 +1,8 @@
 """What pages of several experiments say first."""
 
-from dataclasses import replace
-
 import pytest
 
-from labpipe.judging import Finding
-from pipelines.session._verdict_notices import agreement, belief, each
+from pipelines.session._verdict_notices import agreement, belief
 from pipelines.session._verdicts import Verdict
 
 
@@ -51,15 +48,3 @@ def test_agreement_counts_and_names_where_the_model_does_not_agree(
     said = agreement(models)
     assert said is not None
     assert (said.level, said.text) == (level, sentence)
-
-
-def test_each_names_the_cause_of_a_finding_or_what_explains_a_difference() -> None:
-    found = Finding("apexes", "doubtful", "the second is higher than the first")
-    one = Verdict("drop", "ball_drop", "done", "doubtful", "differs", (found,), 3, ("a fault",), ("its DMA.", "mass"))
-    (said,) = each(["drop"], {"drop": one})
-    assert said.text.endswith("The second is higher than the first. Likely: a fault.")
-    differs = replace(one, believable="yes", findings=())
-    (said,) = each(["drop"], {"drop": differs})
-    assert said.text.endswith("Likely: its DMA.")
-    (said,) = each(["drop"], {"drop": replace(differs, model="agrees", suspects=())})
-    assert "Likely" not in said.text
