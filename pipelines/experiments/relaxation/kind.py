@@ -76,7 +76,6 @@ KIND = Kind(
     schemas=(_RAMPS, _RELAXATIONS),
     key_numbers=(KeyNumber("plateau force", "N", "tests", "plateau_force"),),
     picture=Picture("loads", "time", "force"),
-    error="nrmse_all",
     rows=derived("relaxation.comparison:rows", "ramps comparison"),
     budget=derived("relaxation.budget:quantities", "loads curves"),
     body="substrate",
