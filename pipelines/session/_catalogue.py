@@ -8,6 +8,7 @@ Conditions are asked of the database in memory.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -60,7 +61,6 @@ calibrates: instrument and serial number or, without a number, the name of the r
 
 CHECKS, KEYS = "checks", "key numbers"
 """Stages of results that are checks, observed over expected under the name of the check, and of key numbers."""
-
 CATALOGUE = "labpipe/catalogue.sqlite"
 PAGE, TREND_PAGE = "catalogue.html", "trend.html"
 """In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
@@ -74,8 +74,7 @@ _LONGEST_RESULT = 64
 _BODIES = ("sphere", "punch", "substrate")
 """Their fields have no name of a table before them: ``radius``, not ``sphere_radius``."""
 _DATE = re.compile(r"[ _.-]*(19|20)\d\d([-_.]?\d\d){0,2}$")
-_MOST_SHOWN = 60
-"""Rows of a table in a notebook; the middle of a longer one is left out."""
+_MOST_SHOWN = 60  # rows of a table in a notebook
 
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
@@ -274,16 +273,14 @@ def _kept_rows(folder: Path) -> tuple[dict[str, Any], str, str | None]:
 
 
 def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
-    seen = set()
-    for root in roots:
-        for folder, names, file_names in os.walk(root):
-            place = Path(folder)
-            has_session = FILE_NAME in file_names
-            # The results of labpipe hold no sessions, and there may be many of them.
-            names[:] = sorted(n for n in names if not n.startswith(".") and not (has_session and n == "labpipe"))
-            if has_session and place not in seen:
-                seen.add(place)
-                yield place
+    seen = set[str]()
+    for folder, names, file_names in itertools.chain.from_iterable(map(os.walk, roots)):
+        has_session = FILE_NAME in file_names
+        # the results of labpipe hold no sessions, and there may be many of them
+        names[:] = sorted(n for n in names if not n.startswith(".") and not (has_session and n == "labpipe"))
+        if has_session and folder not in seen:
+            seen.add(folder)
+            yield Path(folder)
 
 
 def _rows(plan: Plan) -> dict[str, Any]:

@@ -215,22 +215,20 @@ def compare(
     from pipelines.session._verdicts import stored_verdicts
 
     session = reopen_session(folder)
-    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
-    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
-    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
+    every = session.experiments.values()
+    judged = [e.name for e in every if any(s.name == JUDGEMENT for s in STAGES[e.kind])]
+    wanted = [target for e in every if (made := KINDS[e.kind].rows) for target in needed(session, e, made)]
     wanted += [f"{name}/{JUDGEMENT}" for name in judged]
     names = {target.split("/")[0] for target in wanted}
     run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
     results = opened(folder)
     verdicts = stored_verdicts(results)
-    failed: dict[str, str] = {}
+    rows, failed, absent = list[Row](), dict[str, str](), dict[str, str]()
     for outcome in run.failures if run else ():
         name = outcome.task.experiment
         likely = verdicts[name].cause if name in verdicts else ""
         cause = f". Likely: {likely}" if likely else ""
         failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
-    rows: list[Row] = []
-    absent: dict[str, str] = {}
     for name in (name for name in session.experiments if name not in failed):
         tasks = [task for task in results.plan.tasks if task.experiment == name]
         kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
@@ -238,29 +236,26 @@ def compare(
         rows += own
         if not own:
             absent[name] = "it has no model: session.toml names nothing to simulate"
-    whole = [
-        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
-        | judgements.compared(results.result(name, JUDGEMENT))
-        for name in judged
-        if name not in failed
-    ]
+    whole = []
+    for name in (name for name in judged if name not in failed):
+        head = {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
+        whole.append(head | judgements.compared(results.result(name, JUDGEMENT)))
     found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
     write_comparison(session, found, verdicts)
     return found
 
 
 def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
-    """Keep the verdicts on experiments that failed, and write the page of the session.
+    """Keep the verdicts on experiments that failed, and write the pages of variants and of the session.
 
-    Where processes have worked, one more of them writes it, which has NumPy loaded. Variants get a page of their own
-    with their base.
+    Where processes have worked, one more of them writes it, which has NumPy loaded.
     """
+    from labpipe.workflow.engines import Call, Died, elsewhere
+
     if session.variants:
         from pipelines.session._comparison import write_variants
 
         write_variants(session, {o.experiment for o in done.outcomes if o.state == "done"})
-    from labpipe.workflow.engines import Call, Died, elsewhere
-
     if done.failures:
         from pipelines.session._verdicts import verdicts_of
 

@@ -82,10 +82,8 @@ def result(folder: str | Path, experiment: str, stage: str | None = None, record
     ----------
     folder : path-like
         The session folder.
-    experiment, stage : str
-        Names, for example ``"acrylic_1p5mm"`` and ``"bounces"``.
-    recording : str, optional
-        The file, for stages that run once per recording.
+    experiment, stage, recording : str
+        Names, for example ``"acrylic_1p5mm"`` and ``"bounces"``; the file, for stages that run once per recording.
 
     Returns
     -------

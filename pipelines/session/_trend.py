@@ -248,10 +248,7 @@ def _elapsed(days: pd.Series[str]) -> Floats:
 def _groups(
     own: pd.DataFrame, table: pd.DataFrame, line: Floats
 ) -> Iterator[tuple[str, tuple[float, dict[str, float]]]]:
-    """Compare the means of groups: sessions by record and operator, experiments by specimen within their session.
-
-    The drift is taken off before operators are compared.
-    """
+    """Compare means: sessions by record and, less the drift, operator; experiments by specimen within their session."""
     from scipy.stats import f_oneway
 
     within = own["value"] - own["session"].map(table.set_index("session")["value"]) + table["value"].mean()
