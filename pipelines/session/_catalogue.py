@@ -245,10 +245,7 @@ def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | P
 
 
 def _kept_rows(folder: Path) -> tuple[dict[str, Any], str, str | None]:
-    """Return the rows of a session, whether they are ``"renewed"`` or ``"unchanged"``, and its problem.
-
-    Of one that cannot be read they are those of before.
-    """
+    """Return the rows of a session, whether they are ``"renewed"`` or ``"unchanged"``, and why it cannot be read."""
     path = Store(folder / "labpipe").root / _KEPT
     try:
         kept = files.unseal(path.read_bytes()) or {}

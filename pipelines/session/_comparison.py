@@ -229,10 +229,7 @@ def _what(row: Row) -> str:
 
 
 def beside(folder: str | Path, first: str, second: str) -> Path:
-    """Write the page of two experiments side by side, from the results that are there; return where it is.
-
-    It is ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
-    """
+    """Write ``FOLDER/labpipe/beside-FIRST--SECOND.html``, two experiments side by side, from the results there are."""
     results = opened(folder)
     session, names = results.plan.session, (first, second)
     if first == second:

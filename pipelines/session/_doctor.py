@@ -147,8 +147,8 @@ def doctor(folder: str | Path | None = None) -> Health:
 
 def _versions() -> dict[str, str]:
     found = {"labpipe": __version__, "python": platform.python_version()}
-    wanted = (re.match(r"[\w.-]+(?!.*extra)", line) for line in importlib.metadata.requires("labpipe") or ())
-    for name in (match[0] for match in wanted if match is not None):
+    required = "\n".join(importlib.metadata.requires("labpipe") or ())
+    for name in re.findall(r"^([\w.-]+)(?!.*extra)", required, re.M):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

@@ -32,8 +32,6 @@ COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
 BESIDE, AND = "beside-", "--"
 """The beginning of the names of pages of two experiments, and the sign between these."""
-
-
 _REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
 _BY_ITSELF = "By what it records alone: "

@@ -304,8 +304,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
 def _missing_part(experiment: Experiment, path: Path) -> str | None:
     """Return the missing part of a file that has stopped growing, or None when it is complete.
 
-    A copy may pause for longer than anybody waits, and every format says in its own way how much there should be (a
-    number of rows, an end mark, a table of frames), so the file is read as the analysis would read it.
+    A copy may pause for longer than anybody waits, so the file is read as the analysis would read it.
     """
     import xarray as xr
 
@@ -359,8 +358,7 @@ def report(folder: str | Path, experiment: str) -> Report:
     path = session.folder / page_name(experiment)
     if experiment not in session.experiments or not path.is_file():
         known = ", ".join(session.experiments)
-        message = f'there is no report of "{experiment}" yet; run: labpipe process {folder} (experiments: {known})'
-        raise InputError(message)
+        raise InputError(f'there is no report of "{experiment}" yet; run: labpipe process {folder} (there are {known})')
     return Report(experiment, path)
 
 

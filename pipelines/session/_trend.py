@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 RARE = 0.0027
 """Probability of a value beyond three standard deviations, as the limits of a control chart have it."""
 GROUPS = {"record": "calibration record", "operator": "operator", "specimen": "specimen"}
-
-
 _OTHER_TEMPERATURE = 10.0
 """K from the median of a material, beyond which an experiment has charts of its own: rooms vary by less."""
 
