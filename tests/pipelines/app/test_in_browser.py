@@ -11,7 +11,7 @@ import pytest
 
 from instruments import phantom
 from instruments.phantom._writer import Recording
-from pipelines.session import Gap, checked, init, open_session
+from pipelines.session import open_session
 from tests.labpipe.report.conftest import Browser, opened
 from tests.pipelines.app.conftest import Page
 from tests.pipelines.app.test_measuring import ruler
@@ -236,55 +236,3 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     after = iter((filmed / "session.toml").read_text("utf-8").splitlines())
     assert all(line in after for line in before)  # remarks and order are kept
     quiet(window, page)
-
-
-PILE = {
-    "thesis-small/laser/acrylic_1p5mm_{}.csv": ["PMMA 1,5mm #1.csv", "PMMA 1,5mm 2 neu.csv"],
-    "core/laser/acrylic_7mm_{}.csv": ["pmma_7_1.csv", "pmma_7_2.csv", "pmma_7_3 neu.csv"],
-    "core/laser/acrylic_10mm_{}.csv": ["messung_1.csv", "messung_2.csv"],
-    "thesis-small/laser/nylon_1p5mm_{}.csv": ["test.csv"],
-    "thesis-small/laser/ptfe_1p5mm_{}.csv": ["Teflon 1,5 mm #1.csv", "Teflon 1,5 mm #2.csv"],
-    "thesis-small/laser/ptfe_static.csv": ["gewichte_ptfe.csv"],
-    "thesis-small/laser_plate/plate_acrylic_1p5mm_1.csv": ["platte.csv"],
-    "thesis-small/dma/acrylic_dma.csv": ["PMMA_freq_sweep.csv", "alt/Kopie von PMMA_freq_sweep.csv"],
-    "thesis-small/dma/ptfe_dma.csv": ["Teflon_DMA.csv"],
-    "thesis-small/dma/nbr_dma.csv": ["NBR_Rheo.csv"],
-    "thesis-small/mach1/nbr_relaxation_{}00um.txt": ["NBR 100.txt", "NBR 200.txt", "Kopie (2) von NBR 300.txt"],
-    "thesis-small/film/acrylic_1p5mm_film_under.cine": ["Cam_24881_Cine2.cine"],
-    "thesis-small/film/ptfe_front.cine": ["Teflon front.cine"],
-    "films/calibration/ruler_under.png": ["Fotos/Lineal.png"],
-    "thesis-small/calibration/laser.toml": ["laser.toml"],
-}
-
-
-@pytest.fixture
-def pile(tmp_path: Path) -> Path:
-    """Forty files as a student leaves them."""
-    folder = tmp_path / "Stick"
-    for source, names in PILE.items():
-        for number, name in enumerate(names, 1):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(Path(__file__).parents[3] / "sample_data" / source.format(number), folder / name)
-    (folder / "5mm abgebrochen.csv").write_bytes((folder / "messung_1.csv").read_bytes()[:60_000])
-    for number in range(40 - sum(1 for path in folder.rglob("*") if path.is_file())):
-        (folder / f"alt/n{number}.log").write_text(f"Radius 9.525, try {number}")
-    return folder
-
-
-def test_forty_files_to_a_complete_drop_at_a_terminal(pile: Path) -> None:
-    answers = {"radius": "9.525±.005", "mass": "505±.5", "temperature": "20±.5", "height": "1.5±.005", "nu": ".35±.02"}
-    typed: list[str] = []
-    questions: list[int] = []
-
-    def person(gap: Gap) -> str | None:
-        """Answer what the acrylic drop needs, and leave the rest open by Enter."""
-        is_acrylic = "of acrylic" in gap.table or gap.table == "PMMA_freq_sweep"
-        questions.append(gap.of)
-        typed.append(answers[gap.key] if is_acrylic else "")
-        return checked(gap, typed[-1]) if is_acrylic else None
-
-    init(pile, ask=person)
-    print(f"{questions[-1]} questions, {sum(len(text) + 1 for text in typed)} characters with Enter")  # noqa: T201
-    assert questions[-1] <= 36
-    assert sum(map(len, typed)) <= 60
-    assert "PMMA_1_5mm" in open_session(pile).experiments

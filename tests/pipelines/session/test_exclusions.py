@@ -61,10 +61,8 @@ def test_a_whole_recording_is_left_out_and_is_no_unused_file(session_copy: Path)
     ("entry", "message"),
     [
         ('{ file = "laser/drop_2.csv" }', "exclude[0].reason: missing; expected a reason"),
-        ('{ file = "laser/drop_2.csv", reason = " " }', "exclude[0].reason: expected a text that is not empty"),
         ('{ file = "laser/drop_3.csv", reason = "x" }', 'no recording "laser/drop_3.csv"; did you mean'),
         ('{ file = "laser/drop_2.csv", reason = "x", readings = ["9-3"] }', '"9-3" ends before it begins'),
-        ('{ file = "laser/drop_2.csv", reason = "x", readings = ["a"] }', "expected a number such as 3001"),
     ],
 )
 def test_a_wrong_exclusion_is_refused_with_its_line(small_session: Path, entry: str, message: str) -> None:

@@ -95,19 +95,6 @@ def test_a_folder_tells_what_is_wrong_with_films_and_lists_what_is_alike_once(tm
     assert other.startswith("stack/f3.png: 9 × 8 px")
 
 
-@needs_films
-def test_images_without_a_frame_rate_are_told_but_for_their_times(tmp_path: Path) -> None:
-    for number in range(3):
-        cv2.imwrite(str(tmp_path / f"frame_{number}.png"), np.full((24, 32), number, np.uint8))
-    found = inspect(tmp_path)
-    assert found["frames"] == 3
-    assert found["image"] == "32 × 24 px"
-    assert "rate" not in found
-    (said,) = found["problems"]
-    assert said.startswith("no frame rate")
-    assert inspect(tmp_path, fps=100.0)["rate"] == "100 Hz"
-
-
 def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_path: Path) -> None:
     path = FILMS / "film/ptfe_front.cine"
     found = describe(path)

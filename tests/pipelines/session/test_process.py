@@ -163,15 +163,3 @@ def test_what_waits_has_an_entry_of_its_own_in_every_outlet(
     path = session_copy / place
     path.write_text(path.read_text("utf-8").replace("FILL", "1.5" if kind == "value" else "12.0"), "utf-8")
     assert catalogue(session_copy).table.set_index("experiment").loc["drop", "state"] != "waiting"
-
-
-def test_an_experiment_that_refers_to_one_that_waits_waits_too(session_copy: Path) -> None:
-    path = session_copy / "session.toml"
-    text = path.read_text("utf-8")
-    again = text[text.index("[experiments.drop]") : text.index("[experiments.nbr]")]
-    second = again.replace("experiments.drop", "experiments.second")
-    second = second.replace('material = "acrylic"', 'material_from = "drop"')
-    path.write_text(text.replace('"1.5 ± 0.005 mm"', '"FILL mm"') + "\n" + second, "utf-8")
-    session = open_session(session_copy)
-    assert list(session.experiments) == ["nbr"]
-    assert session.waiting["second"][0].endswith('refers to "drop", which waits')

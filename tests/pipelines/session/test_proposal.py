@@ -4,24 +4,17 @@ import json
 import os
 import shutil
 import tomllib
-from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from instruments import phantom
-from instruments.phantom._writer import Recording
 from labpipe.errors import ConfigError, UsageError
 from pipelines.experiments import KINDS
-from pipelines.experiments.shared.proposals import height_line
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import describe, init, open_session, survey
-from pipelines.session._recognition import recognise, recognised_below
-
-START = datetime(2024, 5, 14, 9, 30)
 
 
 @pytest.fixture
@@ -149,18 +142,6 @@ def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> Non
     assert "photos/a.jpg and 1 more beside it: a picture" in pictures
 
 
-def test_a_session_within_a_folder_keeps_its_files_and_what_was_written_for_it(pile: Path) -> None:
-    init(pile)
-    (pile / "forgotten.csv").write_bytes((pile / "acrylic 7mm rep1.csv").read_bytes())
-    inner = pile / "copy"
-    (inner / "labpipe").mkdir(parents=True)
-    for name in ("session.toml", "other.csv", "labpipe/export.csv"):
-        (inner / name).write_bytes((pile / "acrylic 7mm rep1.csv").read_bytes())
-    assert "forgotten.csv" in dict(recognised_below(pile, set()))
-    assert not any(name.startswith("copy/") for name, _ in recognised_below(pile, set()))
-    assert [name for name in recognise(pile).owners if name.startswith("copy/")] == ["copy/other.csv"]
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows makes no such names")
 @pytest.mark.parametrize("name", [b"two\nlines.csv", b"\xff\xfe.csv", b"CON.csv", "\u202ecsv.a".encode()])
 def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name: bytes) -> None:
@@ -182,39 +163,6 @@ def test_a_material_comes_from_its_dma_export_where_one_lies_in_the_folder(pile:
     # two exports of one material: the choice is the user's
     write_dma(pile, "pmma_again", SOLIDS["acrylic"], Protocol(temperatures=(20.0, 40.0), ramp=(0.0, 10.0)), 4)
     assert "material_from" not in init(pile, replace=True).path.read_text("utf-8")
-
-
-@pytest.fixture
-def filmed(small_session: Path, tmp_path: Path) -> Path:
-    """A drop by the laser, and a film of three frames from the front."""
-    frames = np.full((3, 8, 16), 90, dtype=np.uint8)
-    day = int(START.replace(tzinfo=UTC).timestamp())
-    recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-    phantom.write(tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording)
-    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
-    return tmp_path
-
-
-def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path, small_session: Path) -> None:
-    text = init(filmed).path.read_text("utf-8")
-    assert 'laser_experiment = "acrylic_7mm"' in text
-    shutil.copy(small_session / "laser/drop_2.csv", filmed / "acrylic_5mm_1.csv")
-    text = init(filmed, replace=True).path.read_text("utf-8")
-    assert '# laser_experiment = "NAME"' in text
-
-
-@pytest.mark.parametrize(
-    ("name", "height"),
-    [
-        ("laser/acrylic_1p5mm_2.csv", "1.5 mm"),
-        ("Versuche Mai/2024-05-14 Acryl 1,5 mm #1.csv", "1.5 mm"),
-        ("drops 5mm/ptfe_1.csv", "5 mm"),
-        ("ptfe 19.05mm sphere 7mm.csv", "FILL mm"),  # which of both is the height nobody can tell
-        ("ptfe.csv", "FILL mm"),
-    ],
-)
-def test_the_height_is_proposed_where_a_name_tells_one_length(name: str, height: str) -> None:
-    assert height_line(name).startswith(f'height = "{height}"')
 
 
 def test_one_odd_file_never_stops_a_scan_and_keeps_its_advice(pile: Path) -> None:

@@ -27,24 +27,8 @@ def test_belief_counts_and_names_what_cannot_be_believed(words: dict[str, str], 
     assert (said.level, said.text) == (level, sentence)
 
 
-@pytest.mark.parametrize(
-    ("models", "level", "sentence"),
-    [
-        (
-            {"a": "agrees", "b": "undecided", "c": "none"},
-            "info",
-            "The model agrees in 1 of 2 experiments. Undecided: b.",
-        ),
-        (
-            {"a": "undecided", "b": "differs"},
-            "warning",
-            "The model agrees in 0 of 2 experiments. Differs: b; undecided: a.",
-        ),
-    ],
-)
-def test_agreement_counts_and_names_where_the_model_does_not_agree(
-    models: dict[str, str], level: str, sentence: str
-) -> None:
-    said = agreement(models)
+def test_agreement_counts_and_names_where_the_model_does_not_agree() -> None:
+    said = agreement({"a": "agrees", "b": "undecided", "c": "none", "d": "differs"})
     assert said is not None
-    assert (said.level, said.text) == (level, sentence)
+    assert said.level == "warning"
+    assert said.text == "The model agrees in 1 of 3 experiments. Differs: d; undecided: b."

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING, Settling, Watcher
-from pipelines.session import SETTINGS, STAGES, plan, process, watch
+from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING
+from pipelines.session import plan, process, watch
 from tests.by_day import by_day
 from tests.pipelines.stored import results
 
@@ -23,10 +23,6 @@ class Clock:
         path.write_bytes(data)
         self.now += 1
         os.utime(path, (self.now, self.now))
-
-
-def states(watcher: Watcher) -> dict[str, str]:
-    return {name: state for name, (state, _) in watcher.states.items()}
 
 
 @pytest.mark.slow
@@ -91,19 +87,3 @@ def test_a_broken_session_file_is_told_and_mended(small_session: Path, tmp_path:
     said = [news for _ in range(3) for news in watcher.look()]
     assert {(n.experiment, n.state) for n in said} == {("drop", WAITING), ("nbr", WAITING)}
     assert "0 of 3 files are there; next: laser/drop_1.csv" in said[0].text
-
-
-def test_a_failed_experiment_is_tried_again_only_after_a_change(session_copy: Path) -> None:
-    calls = []
-
-    def run(session, name):
-        calls.append((name, sorted(session.experiments)))
-        return process(session.root, only=[name], jobs=0)
-
-    watcher = Watcher(session_copy, SETTINGS, STAGES, lambda _e, _p: None, run, Settling(2))
-    path = session_copy / "laser/drop_2.csv"
-    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
-    for _ in range(5):
-        list(watcher.look())
-    assert states(watcher) == {"drop": FAILED, "nbr": PROCESSED}
-    assert calls == [("drop", ["drop"]), ("nbr", ["nbr"])]
