@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from labpipe.report import Report
     from labpipe.workflow.results import Event, RunResult
     from labpipe.workflow.runner import Options
-    from pipelines.experiments.shared.comparison_rows import Row
     from pipelines.session._comparison import Comparison
     from pipelines.session._verdicts import Verdicts
 
@@ -211,6 +210,7 @@ def compare(
     ...     print(row.experiment, row.quantity, row.measured, row.model)
     """
     from pipelines.experiments.shared import judgements
+    from pipelines.experiments.shared.comparison_rows import Row
     from pipelines.session._comparison import Comparison, compared, write_comparison
     from pipelines.session._verdicts import stored_verdicts
 
