@@ -19,9 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 """Type of an argument: a folder that is there."""
-NEW_FILE, NEW_FOLDER = (
-    click.Path(dir_okay=is_folder, file_okay=not is_folder, path_type=Path) for is_folder in (False, True)
-)
+NEW_FILE, NEW_FOLDER = (click.Path(dir_okay=is_dir, file_okay=not is_dir, path_type=Path) for is_dir in (False, True))
 """Types of an argument: a file, or a folder, that is written."""
 _JSON = "labpipe.json"  # in the context of the command that runs
 json_option = click.option(
@@ -32,12 +30,8 @@ json_option = click.option(
     help="Print one JSON document.",
 )
 session_argument = click.argument("session", type=FOLDER, metavar="SESSION")
-cluster_option = click.option(
-    "--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead."
-)
-keep_option = click.option(
-    "--keep", is_flag=True, help="Take results of earlier code as they are, and mark them; else they are made again."
-)
+cluster_option = click.option("--cluster", metavar="ADDRESS", help="Let a Dask scheduler, tcp://host:port, compute.")
+keep_option = click.option("--keep", is_flag=True, help="Take results of earlier code as they are, and mark them.")
 
 
 def _usual_jobs() -> int:
@@ -100,15 +94,11 @@ def reading_options(function: F) -> F:
     """
 
     @click.option("--instrument", metavar="NAME", help="What wrote the file, where it does not say so: keyence, …")
-    @click.option(
-        "--columns", help='Any table: its columns, e.g. \'time = "Time (s)", displacement = "Position (m)"\'.'
-    )
+    @click.option("--columns", help='Any table: \'time = "Time (s)", displacement = "Position (m)"\'.')
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
     @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
     @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
-    @click.option(
-        "--option", "others", multiple=True, metavar="NAME=VALUE", help="Another option of the reader, e.g. fps=1000."
-    )
+    @click.option("--option", "others", multiple=True, metavar="NAME=VALUE", help="Another one, e.g. fps=1000.")
     @functools.wraps(function)
     def reading(*args: Any, instrument: str | None, others: tuple[str, ...], **kwargs: Any) -> Any:
         given = {name: kwargs.pop(name) for name in ("columns", "cycle", "units", "storage_factor")}

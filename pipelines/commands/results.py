@@ -35,9 +35,8 @@ _LONGEST = 28  # characters of a text in a table of the terminal
 def inspect(source: Path, reading: dict[str, Any], out: Path | None) -> None:
     r"""Describe FILE: instrument, columns, units, ranges, sampling, problems.
 
-    Works on any single file: readings, films, calibration records, session.toml, results,
-    pictures; of a folder it lists each file in a line. Nothing is written unless --out
-    names a picture.
+    Works on readings, films, calibration records, session.toml, results and pictures; of a folder
+    it lists each file in a line. Nothing is written unless --out names a picture.
 
     \b
     Example:
@@ -56,11 +55,8 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None) -> None:
 @names_option("--only", "--experiment", help="Only these experiments of a session.")
 @names_option("--stage", "stages", help="Only these stages, such as bounces.")
 @click.option("--out", type=NEW_FOLDER, help="Folder; default SESSION/labpipe/export, or here for a file.")
-@click.option(
-    "--bulk",
-    type=click.Choice(["constant", "relaxing", "incompressible"]),
-    help="Bulk modulus of a material for a simulation code; default: Poisson's ratio is constant.",
-)
+@click.option("--bulk", type=click.Choice(["constant", "relaxing", "incompressible"]),
+              help="Bulk modulus for a simulation code; default: Poisson's ratio is constant.")  # fmt: skip
 @click.option("--decimal", type=click.Choice([".", ","]), default=".", help="Of csv; with a comma, columns end at ;.")
 @click.option("--force", is_flag=True, help="Replace files of the same name.")
 @reading_options
@@ -155,12 +151,8 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
 
 
 _FOLDERS = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=FOLDER)
-_DATABASE = click.option(
-    "--database", type=NEW_FILE, help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER."
-)
-_WHERE = click.option(
-    "--where", default="", show_default=False, help="Only rows for which this SQL expression is true; SI units."
-)
+_DATABASE = click.option("--database", type=NEW_FILE, help="Default labpipe/catalogue.sqlite in the first FOLDER.")
+_WHERE = click.option("--where", default="", show_default=False, help="Rows where this SQL expression is true; in SI.")
 
 
 @click.command()
@@ -254,13 +246,9 @@ def sensitivity(session: Path, which: str | None) -> None:
 
 @click.command()
 @session_argument
-@names_option(
-    "--experiments", "--only", "-e", help="Only these experiments; by default all that can identify a material."
-)
+@names_option("--experiments", "--only", "-e", help="Only these; by default all that can identify a material.")
 @click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
-@click.option(
-    "--impacts", default=6, type=click.IntRange(min=1, max=100), help="Number of bounces of a drop that are evaluated."
-)
+@click.option("--impacts", default=6, type=click.IntRange(min=1, max=100), help="Bounces of a drop that count.")
 @jobs_option
 @json_option
 def identify(session: Path, experiments: list[str] | None, **options: Any) -> None:
@@ -284,9 +272,6 @@ def identify(session: Path, experiments: list[str] | None, **options: Any) -> No
 
     found = verb(session, experiments or (), say=say, **options)
     emit(found.documents(), found.lines())
-
-
-# --- data packages ---
 
 
 @click.command()

@@ -43,12 +43,7 @@ _SHOWN = 3  # findings on one experiment that a command prints
 @click.argument("folder", type=NEW_FOLDER)
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
-@click.option(
-    "--template",
-    multiple=True,
-    metavar="KIND",
-    help="No scan: the tables of this kind, every value to fill in; makes FOLDER if need be. Repeatable.",
-)
+@click.option("--template", multiple=True, metavar="KIND", help="No scan: the tables of this kind, to be filled in.")
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...]) -> None:
     r"""Scan FOLDER and write a commented session.toml.
@@ -171,11 +166,7 @@ def _waiting(waiting: Mapping[str, Sequence[str]]) -> Iterator[str]:
 @_ONLY
 @_FULL
 @keep_option
-@click.option(
-    "--out",
-    type=NEW_FOLDER,
-    help="Work folder for the results of one SESSION in which nothing may be written; later commands take it instead.",
-)
+@click.option("--out", type=NEW_FOLDER, help="Work folder for the results of a SESSION that is only read.")
 @jobs_option
 @cluster_option
 @json_option
@@ -205,12 +196,8 @@ def process(sessions: tuple[Path, ...], out: Path | None, **options: Any) -> Non
     documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
     codes = {document["exit_code"] for document in documents}
     code = StorageError.exit_code if StorageError.exit_code in codes else codes.pop() if len(codes) == 1 else 1
-    is_named = len(folders) > 1
-    lines = (
-        line
-        for folder, done in ended.items()
-        for line in itertools.chain([f"{folder}:"] * is_named, summary(done, judged.get(folder)))
-    )
+    said = ([[f"{folder}:"] * (len(folders) > 1), summary(done, judged.get(folder))] for folder, done in ended.items())
+    lines = itertools.chain.from_iterable(itertools.chain.from_iterable(said))
     emit(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code}, lines, code=code)
 
 
@@ -224,8 +211,8 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verd
     return {
         "session": outcome.session.root,
         "steps": steps,
-        "experiments": [] if judged is None else judged.document(),
-        "findings": [] if judged is None else judged.notes_document(),
+        "experiments": [] if judged is None else judged["experiments"],
+        "findings": [] if judged is None else judged["findings"],
         "reports": outcome.reports,
         "waiting": outcome.session.waiting,
         "excluded": excluded_in(outcome.session),
@@ -278,18 +265,14 @@ def note(session: Path, experiment: str, text: str, who: str) -> None:
       labpipe note my-session acrylic_7mm "sphere cleaned with ethanol"
     """
     made = verbs.note(session, experiment, text, who=who)
-    emit(
-        {"experiment": experiment} | members(made, "on", "who", "text"),
-        [f"noted on {made.on}; its page shows it after: labpipe process {session}"],
-    )
+    lines = [f"noted on {made.on}; its page shows it after: labpipe process {session}"]
+    emit({"experiment": experiment} | members(made, "on", "who", "text"), lines)
 
 
 @click.command()
 @session_argument
 @click.option("--every", type=click.FloatRange(min=0.01), default=2.0, help="Seconds between checks of the folder.")
-@click.option(
-    "--looks", type=click.IntRange(min=2), default=3, help="Consecutive checks that must find a file unchanged."
-)
+@click.option("--looks", type=click.IntRange(min=2), default=3, help="Checks that must find a file unchanged.")
 @click.option("--until-done", is_flag=True, help="End once every experiment is processed.")
 @click.option("--jobs", "-j", default=1, type=click.IntRange(min=0), help="0 runs everything in this process.")
 @json_option

@@ -281,9 +281,6 @@ def _named(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-# --- output ---
-
-
 def _deliver(found: "xr.Dataset", rows: _Rows, panels: _Panels, out: Path | None, picture: Path | None) -> None:
     """Write and draw a simulation as wanted, and print its rows and its work."""
     from labpipe import files

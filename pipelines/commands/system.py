@@ -25,10 +25,8 @@ from pipelines.commands.simulate import value_option
 def doctor(session: Path | None) -> None:
     r"""Check the installation and the disk; audit SESSION.
 
-    Lists installed versions and whether they are too old, whether another package
-    shadows one of ours, which plug-ins are used or left out, whether files can be written and how
-    much space is free; reads session.toml and every stored result in SESSION, or in the present
-    folder.
+    Lists installed versions that are missing or too old, packages that shadow ours, plug-ins, and free
+    space; reads session.toml and every stored result in SESSION, or in the present folder.
 
     All that is wrong with the recordings and settings of SESSION comes as one table, the costliest
     first, each with the line to change; results that the verdicts need are processed first. The exit
@@ -70,18 +68,11 @@ def completion(shell: str) -> None:
 
 @click.command("open")
 @click.argument("folder", default=".", type=FOLDER)
-@click.option(
-    "--port", default=0, show_default=False, type=click.IntRange(0, 65535), help="Of 127.0.0.1; by default a free one."
-)
-@click.option(
-    "--browser/--no-browser",
-    default=True,
-    show_default=False,
-    help="Show the page in the browser, or print its address alone.",
-)
+@click.option("--port", default=0, show_default=False, type=click.IntRange(0, 65535), help="By default a free one.")
+@click.option("--no-browser", is_flag=True, help="Print the address of the page; do not show it.")
 @click.option("--guide", is_flag=True, help="Show the guide that is installed instead; no network is needed.")
 @json_option
-def open_(folder: Path, port: int, browser: bool, guide: bool) -> None:
+def open_(folder: Path, port: int, no_browser: bool, guide: bool) -> None:
     r"""Set up, run and read the session in FOLDER in a local page; end with Ctrl-C.
 
     The page answers on this computer only, under an address that nobody can guess, and shows
@@ -101,7 +92,7 @@ def open_(folder: Path, port: int, browser: bool, guide: bool) -> None:
     kept = "" if guide else "; a run that goes on is stopped then, its results are kept"
     lines = (f"{'the guide' if guide else folder}: {served.address}", f"end with Ctrl-C{kept}")
     emit({"address": served.address, "folder": None if guide else str(folder)}, lines)
-    if browser and not wants_json():
+    if not no_browser and not wants_json():
         webbrowser.open(served.address)
     served.run()
 

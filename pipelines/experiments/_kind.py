@@ -143,8 +143,6 @@ class Kind:
         From the files to the report, and the shapes of results that they name.
     key_numbers, picture : tuple of KeyNumber, Picture
         Of the session's page.
-    error : str
-        The variable of the stage ``comparison`` that speaks for the whole comparison.
     rows, budget : Derived, optional
         Yield :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``, and
         :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
@@ -169,7 +167,6 @@ class Kind:
     schemas: tuple[Schema, ...] = ()
     key_numbers: tuple[KeyNumber, ...] = ()
     picture: Picture | None = None
-    error: str = "nrmse"
     rows: Derived | None = None
     budget: Derived | None = None
     body: str = ""

@@ -16,7 +16,7 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import catalogue as catalogue
-    from pipelines.session._comparison import beside as beside, compare as compare, comparison_text as comparison_text
+    from pipelines.session._comparison import beside as beside, comparison_text as comparison_text
     from pipelines.session._doctor import doctor as doctor
     from pipelines.session._export import FORMATS as FORMATS, export as export
     from pipelines.session._gaps import (
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pipelines.session._open_session import open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
+        compare as compare,
         plan as plan,
         process as process,
         process_all as process_all,

@@ -8,6 +8,7 @@ Conditions are asked of the database in memory.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -60,11 +61,9 @@ calibrates: instrument and serial number or, without a number, the name of the r
 
 CHECKS, KEYS = "checks", "key numbers"
 """Stages of results that are checks, observed over expected under the name of the check, and of key numbers."""
-
 CATALOGUE = "labpipe/catalogue.sqlite"
 PAGE, TREND_PAGE = "catalogue.html", "trend.html"
 """In the folder that holds the sessions, or in the ``labpipe`` folder of a session itself."""
-_TIED = "\N{NON-BREAKING HYPHEN}"
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
 _LAYOUT = 7
 """Raised when the tables change; rows of another layout are made anew."""
@@ -75,8 +74,7 @@ _LONGEST_RESULT = 64
 _BODIES = ("sphere", "punch", "substrate")
 """Their fields have no name of a table before them: ``radius``, not ``sphere_radius``."""
 _DATE = re.compile(r"[ _.-]*(19|20)\d\d([-_.]?\d\d){0,2}$")
-_MOST_SHOWN = 60
-"""Rows of a table in a notebook; the middle of a longer one is left out."""
+_MOST_SHOWN = 60  # rows of a table in a notebook
 
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
@@ -247,10 +245,7 @@ def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | P
 
 
 def _kept_rows(folder: Path) -> tuple[dict[str, Any], str, str | None]:
-    """Return the rows of a session, whether they are ``"renewed"`` or ``"unchanged"``, and its problem.
-
-    Of one that cannot be read they are those of before.
-    """
+    """Return the rows of a session, whether they are ``"renewed"`` or ``"unchanged"``, and why it cannot be read."""
     path = Store(folder / "labpipe").root / _KEPT
     try:
         kept = files.unseal(path.read_bytes()) or {}
@@ -275,16 +270,14 @@ def _kept_rows(folder: Path) -> tuple[dict[str, Any], str, str | None]:
 
 
 def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
-    seen = set()
-    for root in roots:
-        for folder, names, file_names in os.walk(root):
-            place = Path(folder)
-            has_session = FILE_NAME in file_names
-            # The results of labpipe hold no sessions, and there may be many of them.
-            names[:] = sorted(n for n in names if not n.startswith(".") and not (has_session and n == "labpipe"))
-            if has_session and place not in seen:
-                seen.add(place)
-                yield place
+    seen = set[str]()
+    for folder, names, file_names in itertools.chain.from_iterable(map(os.walk, roots)):
+        has_session = FILE_NAME in file_names
+        # the results of labpipe hold no sessions, and there may be many of them
+        names[:] = sorted(n for n in names if not n.startswith(".") and not (has_session and n == "labpipe"))
+        if has_session and folder not in seen:
+            seen.add(folder)
+            yield Path(folder)
 
 
 def _rows(plan: Plan) -> dict[str, Any]:
@@ -430,7 +423,6 @@ def _table(opened: Opened, kind: str, own: pd.DataFrame) -> Table:
     """List the experiments of a kind, the latest first."""
     own = own.sort_values("recorded", ascending=False, kind="stable", na_position="last")
     named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
-    own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
     columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
     numbers = opened.select("results", f"stage = '{KEYS}'")
     for title in dict.fromkeys(numbers.loc[numbers["kind"] == kind, "variable"]):

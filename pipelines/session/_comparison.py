@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -45,18 +45,13 @@ from labpipe.workflow.graph import OTHER, field_value
 from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from pipelines.experiments import JUDGEMENT, KINDS
-from pipelines.experiments.shared import judgements
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import counted, session_document, synthetic_notice
-from pipelines.session._overview import AND, BESIDE, COMPARISON_PAGE, curve, pages_together, write_overview
-from pipelines.session._processing import process
-from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
+from pipelines.session._overview import AND, BESIDE, curve, pages_together, write_overview
+from pipelines.session._results import STAGES, derive, opened
 from pipelines.session._verdict_notices import agreement, each
 from pipelines.session._verdicts import Verdict, stored_verdicts
-
-if TYPE_CHECKING:
-    from labpipe.workflow.results import Event
 
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
@@ -108,66 +103,6 @@ def comparison_text(row: Row) -> str:
     return f"{measured} against {model}{unit and f' {unit}'}{deviation}"
 
 
-def compare(
-    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
-) -> Comparison:
-    """Compare measurement and model of every experiment of a session, on one page.
-
-    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
-
-    Parameters
-    ----------
-    folder : path-like
-        The session folder.
-    jobs, keep, progress
-        As of :func:`labpipe.process`; kept are by default the results that an earlier run kept.
-
-    Returns
-    -------
-    Comparison
-        Rows with the measured and the simulated value of each quantity, and the page.
-
-    Examples
-    --------
-    >>> for row in compare("my-session").rows:  # doctest: +SKIP
-    ...     print(row.experiment, row.quantity, row.measured, row.model)
-    """
-    session = reopen_session(folder)
-    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
-    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
-    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
-    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
-    names = {target.split("/")[0] for target in wanted}
-    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
-    results = opened(folder)
-    verdicts = stored_verdicts(results)
-    failed: dict[str, str] = {}
-    for outcome in run.failures if run else ():
-        name = outcome.task.experiment
-        likely = verdicts[name].cause if name in verdicts else ""
-        cause = f". Likely: {likely}" if likely else ""
-        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
-    rows: list[Row] = []
-    absent: dict[str, str] = {}
-    for name in (name for name in session.experiments if name not in failed):
-        tasks = [task for task in results.plan.tasks if task.experiment == name]
-        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
-        own = [replace(row, kept=kept) for row in compared(results, name) or []]
-        rows += own
-        if not own:
-            absent[name] = "it has no model: session.toml names nothing to simulate"
-    whole = [
-        {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
-        | judgements.compared(results.result(name, JUDGEMENT))
-        for name in judged
-        if name not in failed
-    ]
-    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
-    files.write_text(found.page, render(session, found, verdicts))
-    write_overview(session, STAGES)
-    return found
-
-
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
     """Return a row with the names of its experiment and kind and, where it has none, its material and condition."""
     body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
@@ -207,8 +142,8 @@ def _material(experiment: Experiment, session: Session) -> str:
     return ""
 
 
-def render(session: Session, found: Comparison, verdicts: Mapping[str, Verdict]) -> str:
-    """Return the page of a session as HTML text; a variant is on the page of its base and itself."""
+def write_comparison(session: Session, found: Comparison, verdicts: Mapping[str, Verdict]) -> None:
+    """Write the page of all comparisons of a session; a variant is on the page of its base and itself."""
     rows = [row for row in found.rows if row.experiment not in session.variants]
     judged = [one for one in found.experiments if one["experiment"] not in session.variants]
     links = [Link(text, name) for text, name in pages_together(session.folder)]
@@ -217,7 +152,8 @@ def render(session: Session, found: Comparison, verdicts: Mapping[str, Verdict])
         Section("Deviations", tuple(_deviations(rows))),
         Section("Comparisons", tuple(_comparisons(rows))),
     ]
-    return session_document(session, "Measurement against model", sections)
+    files.write_text(found.page, session_document(session, "Measurement against model", sections))
+    write_overview(session, STAGES)
 
 
 def _summary(
@@ -229,8 +165,6 @@ def _summary(
     # records that cannot be believed, or inputs that would explain the difference
     names = [one["experiment"] for one in judged if one["believable"] != "yes" or one["suspects"]]
     yield from each(names[:_REASONS], verdicts)
-    if len(names) > _REASONS:
-        yield Paragraph(f"{len(names) - _REASONS} more say on their own pages why they may differ.")
     curves = [row for row in rows if row.is_curve]
     known, p = ([v for v in values if v is not None] for values in ([r.deviation for r in rows], [r.p for r in curves]))
     within = "differ by less than the 95 % interval of the difference"
@@ -295,10 +229,7 @@ def _what(row: Row) -> str:
 
 
 def beside(folder: str | Path, first: str, second: str) -> Path:
-    """Write the page of two experiments side by side, from the results that are there; return where it is.
-
-    It is ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
-    """
+    """Write ``FOLDER/labpipe/beside-FIRST--SECOND.html``, two experiments side by side, from the results there are."""
     results = opened(folder)
     session, names = results.plan.session, (first, second)
     if first == second:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError
 from labpipe.installation import __version__
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable, html_table
 from labpipe.plugins import PluginWarning
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ class Trouble(NamedTuple):
     place: str
 
 
-@dataclass(frozen=True, slots=True)
-class Audit:
+@dataclass(frozen=True, slots=True, repr=False)
+class Audit(ShownAsTable):
     """All rows, the costliest first, the number of checks, and experiments by the values that they state as exact."""
 
     troubles: tuple[Trouble, ...]
@@ -54,20 +54,15 @@ class Audit:
         """Whether any record contradicts itself, physics, or the session's statements."""
         return any(t.level == "impossible" for t in self.troubles)
 
-    @property
-    def caption(self) -> str:
-        """Number of checks and of findings."""
+    def _shown(self) -> Shown:
         count = Counter(t.level for t in self.troubles)
         found = ", ".join(f"{count[level]} {level}" for level in _WEIGHT if count[level])
-        return f"{self.checks} checks of the session: {found or 'nothing found'}"
-
-    @property
-    def rows(self) -> list[tuple[str, str, str, str]]:
-        """Level, place, experiments, and observation with its cause, of every row."""
-        return [
+        rows = [
             (t.level, t.place, ", ".join(t.experiments), f"{t.message}{f'; {t.cause}' if t.cause else ''}")
             for t in self.troubles
         ]
+        caption = f"{self.checks} checks of the session: {found or 'nothing found'}"
+        return Shown(caption, ("level", "to change", "experiments", "finding"), rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +92,14 @@ class Health:
         head = [f"{name:24}{version}" for name, version in self.versions.items()]
         text = [*head, f"{'free space':24}{self.free_bytes / 1e9:.1f} GB", *self.plugins, "", *self.lines()]
         if self.audit is not None:
-            text += ["", text_table(self.audit.caption, self.audit.rows, most=None)]
             exact = self.audit.exact.items()
+            text += ["", repr(self.audit)]
             text += [f"counted as exact, since stated without ±: {v} ({', '.join(n)})" for v, n in exact]
         return "\n".join(text)
 
     def _repr_html_(self) -> str:
         shown = html_table("; ".join(self.lines()), ("library", "version"), self.versions.items())
-        if self.audit is None:
-            return shown
-        return shown + html_table(self.audit.caption, ("level", "to change", "experiments", "finding"), self.audit.rows)
+        return shown if self.audit is None else shown + self.audit._repr_html_()
 
 
 def doctor(folder: str | Path | None = None) -> Health:
@@ -154,8 +147,8 @@ def doctor(folder: str | Path | None = None) -> Health:
 
 def _versions() -> dict[str, str]:
     found = {"labpipe": __version__, "python": platform.python_version()}
-    wanted = (re.match(r"[\w.-]+(?!.*extra)", line) for line in importlib.metadata.requires("labpipe") or ())
-    for name in (match[0] for match in wanted if match is not None):
+    required = "\n".join(importlib.metadata.requires("labpipe") or ())
+    for name in re.findall(r"^([\w.-]+)(?!.*extra)", required, re.M):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

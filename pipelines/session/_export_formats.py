@@ -136,11 +136,7 @@ def one_line(text: str) -> str:
 
 
 def json_text(dataset: xr.Dataset, remarks: Mapping[str, str]) -> str:
-    """Write a Dataset as one JSON document; NaN and infinities become null.
-
-    It has ``remarks``, ``dimensions`` (sizes by name), ``attributes``, and ``variables``: for each
-    ``dimensions``, ``units``, ``long_name``, further attributes, and nested ``values``.
-    """
+    """Write a Dataset as JSON: ``remarks``, ``dimensions``, ``attributes``, ``variables``; NaN becomes null."""
     made = dataset.to_dict()
     variables = {
         name: {"dimensions": one["dims"], **one["attrs"], "values": one["data"]}
@@ -151,11 +147,7 @@ def json_text(dataset: xr.Dataset, remarks: Mapping[str, str]) -> str:
 
 
 def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
-    """Write a Dataset as a MATLAB file (version 5, readable by MATLAB, Octave and Julia).
-
-    It has one array per variable; structures ``units``, ``long_name`` and ``dimensions`` with a text
-    per variable; and a structure ``remarks``.
-    """
+    """Write a Dataset as a MATLAB file (version 5), with structures of units, long names, dimensions and remarks."""
     from scipy.io import savemat
 
     texts = {str(n): v for n, v in dataset.variables.items()}

@@ -338,10 +338,7 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
 
 
 def _frames(film: FrameSource) -> Figure:
-    """Draw the first sound frame with its pixels along the sides, and below it frames evenly over the film.
-
-    Only those are read; a damaged one is left out.
-    """
+    """Draw the first sound frame with its pixels along the sides, and below it sound ones evenly over the film."""
     from matplotlib.figure import Figure
 
     sound = np.flatnonzero(film.valid)

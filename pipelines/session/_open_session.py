@@ -75,7 +75,7 @@ class OpenSession(ShownAsTable):
         *,
         ax: Axes | None = None,
     ) -> Axes:
-        """Draw one variable of a result with its 95 % band.
+        """Draw one variable of a result over its dimension, shaded within two standard uncertainties; return the axes.
 
         Parameters
         ----------
@@ -86,11 +86,6 @@ class OpenSession(ShownAsTable):
             The file, for stages that run once per recording.
         ax : matplotlib Axes, optional
             By default that of a new figure.
-
-        Returns
-        -------
-        Axes
-            The variable over its dimension, shaded within two standard uncertainties where they are known.
         """
         import matplotlib.pyplot as plt
 

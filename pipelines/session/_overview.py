@@ -32,8 +32,6 @@ COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
 BESIDE, AND = "beside-", "--"
 """The beginning of the names of pages of two experiments, and the sign between these."""
-
-
 _REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
 _BY_ITSELF = "By what it records alone: "
@@ -197,8 +195,7 @@ def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | Scatte
     if dataset is None or source.x not in dataset.variables or dataset[source.x].ndim < 2:
         return None
     loops = [values[:, np.isfinite(values.sum(0))] for values in np.stack([dataset[source.x], dataset[source.y]], 1)]
-    series = [Series(str(i), *loop) for i, loop in enumerate(loops) if loop.size]
-    return ScatterChart("", source.x, source.y, series) if series else None
+    return ScatterChart("", source.x, source.y, [Series(str(i), *one) for i, one in enumerate(loops) if one.size])
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
@@ -241,19 +238,20 @@ def _amended(page: str, one: Verdict) -> str:
     from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
     from pipelines.session._verdict_notices import LEVELS, as_sentence
 
-    for finding in one.own:
+    cut = len(one.findings) - one.n_of_session
+    for finding in one.findings[:cut]:
         if finding.setting and finding.place:
             for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
                 page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
-    if not one.of_session:
+    if not one.n_of_session:
         return page
     notices = []
-    for found in one.of_session:
+    for found in one.findings[cut:]:
         level: Any = LEVELS.get(found.level, "info")
         place = f" ({found.place})" if found.place else ""
         cause = f" {as_sentence(found.cause)}" if found.cause else ""
         text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
         told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"
         notices.append(Notice(level, with_minus(told)))
-    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.own)
+    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.findings[:cut])
     return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

@@ -20,8 +20,8 @@ from labpipe.workflow.plan import Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
-from pipelines.experiments import KINDS, Derived, function
-from pipelines.session._overview import write_overview
+from pipelines.experiments import JUDGEMENT, KINDS, Derived, function
+from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, load, needed, opened, reopen_session
 from pipelines.session._stated import fill
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from labpipe.report import Report
     from labpipe.workflow.results import Event, RunResult
     from labpipe.workflow.runner import Options
+    from pipelines.session._comparison import Comparison
     from pipelines.session._verdicts import Verdicts
 
 _HEAD = re.compile(r"^[ \t]*\[[ \t]*session[ \t]*\][^\n]*\n", re.MULTILINE)
@@ -184,18 +185,77 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
     return opened(folder)
 
 
-def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
-    """Keep the verdicts on experiments that failed, and write the page of the session.
+def compare(
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
+) -> Comparison:
+    """Compare measurement and model of every experiment of a session, on one page.
 
-    Where processes have worked, one more of them writes it, which has NumPy loaded. Variants get a page of their own
-    with their base.
+    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    jobs, keep, progress
+        As of :func:`labpipe.process`; kept are by default the results that an earlier run kept.
+
+    Returns
+    -------
+    Comparison
+        Rows with the measured and the simulated value of each quantity, and the page.
+
+    Examples
+    --------
+    >>> for row in compare("my-session").rows:  # doctest: +SKIP
+    ...     print(row.experiment, row.quantity, row.measured, row.model)
     """
+    from pipelines.experiments.shared import judgements
+    from pipelines.experiments.shared.comparison_rows import Row
+    from pipelines.session._comparison import Comparison, compared, write_comparison
+    from pipelines.session._verdicts import stored_verdicts
+
+    session = reopen_session(folder)
+    every = session.experiments.values()
+    judged = [e.name for e in every if any(s.name == JUDGEMENT for s in STAGES[e.kind])]
+    wanted = [target for e in every if (made := KINDS[e.kind].rows) for target in needed(session, e, made)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
+    names = {target.split("/")[0] for target in wanted}
+    run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress) if wanted else None
+    results = opened(folder)
+    verdicts = stored_verdicts(results)
+    rows, failed, absent = list[Row](), dict[str, str](), dict[str, str]()
+    for outcome in run.failures if run else ():
+        name = outcome.task.experiment
+        likely = verdicts[name].cause if name in verdicts else ""
+        cause = f". Likely: {likely}" if likely else ""
+        failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
+    for name in (name for name in session.experiments if name not in failed):
+        tasks = [task for task in results.plan.tasks if task.experiment == name]
+        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
+        own = [replace(row, kept=kept) for row in compared(results, name) or []]
+        rows += own
+        if not own:
+            absent[name] = "it has no model: session.toml names nothing to simulate"
+    whole = []
+    for name in (name for name in judged if name not in failed):
+        head = {"believable": verdicts[name].believable, "cause": verdicts[name].cause, "experiment": name}
+        whole.append(head | judgements.compared(results.result(name, JUDGEMENT)))
+    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
+    write_comparison(session, found, verdicts)
+    return found
+
+
+def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
+    """Keep the verdicts on experiments that failed, and write the pages of variants and of the session.
+
+    Where processes have worked, one more of them writes it, which has NumPy loaded.
+    """
+    from labpipe.workflow.engines import Call, Died, elsewhere
+
     if session.variants:
         from pipelines.session._comparison import write_variants
 
         write_variants(session, {o.experiment for o in done.outcomes if o.state == "done"})
-    from labpipe.workflow.engines import Call, Died, elsewhere
-
     if done.failures:
         from pipelines.session._verdicts import verdicts_of
 
@@ -244,8 +304,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
 def _missing_part(experiment: Experiment, path: Path) -> str | None:
     """Return the missing part of a file that has stopped growing, or None when it is complete.
 
-    A copy may pause for longer than anybody waits, and every format says in its own way how much there should be (a
-    number of rows, an end mark, a table of frames), so the file is read as the analysis would read it.
+    A copy may pause for longer than anybody waits, so the file is read as the analysis would read it.
     """
     import xarray as xr
 
@@ -299,8 +358,7 @@ def report(folder: str | Path, experiment: str) -> Report:
     path = session.folder / page_name(experiment)
     if experiment not in session.experiments or not path.is_file():
         known = ", ".join(session.experiments)
-        message = f'there is no report of "{experiment}" yet; run: labpipe process {folder} (experiments: {known})'
-        raise InputError(message)
+        raise InputError(f'there is no report of "{experiment}" yet; run: labpipe process {folder} (there are {known})')
     return Report(experiment, path)
 
 

@@ -21,7 +21,9 @@ from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
 from pipelines.experiments.shared.proposals import GAP, identifier, quoted
 from pipelines.session._gaps import Gap, filled, template_of
-from pipelines.session._recognition import LOOSE, alike_unknown, recognise, remedy, unreadable, why_unknown
+from pipelines.session._recognition import alike_unknown, recognise, unreadable
+
+_MOST_LINES = 20  # of an error, on files of a folder
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -124,13 +126,12 @@ def draft(folder: Path, template: Iterable[str] = ()) -> Draft:
             records |= made
     text, names = propose(with_fields(found, names=completed, texts=records))
     if not names:
-        if found.owners or any(why_unknown(folder, name) == LOOSE for name in found.unknown):
-            lines = _left_over(with_fields(found, unknown=() if found.owners else found.unknown))
-            raise UsageError("\n  ".join([f"{folder}: no experiment is proposed", *lines]))
-        known = ", ".join(each.name for each in instruments.known())
-        remedies = [f"{name}: {hint}" for name in found.unknown if (hint := remedy(folder / name))]
-        nothing = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
-        raise UsageError("\n  ".join([nothing, *remedies[:1]]))
+        said = f"{folder}: no experiment is proposed"
+        if not found.owners:
+            known = ", ".join(each.name for each in instruments.known())
+            said += f": no file of a known instrument was found; known are {known}. Is it the right folder?"
+        lines = _left_over(with_fields(found, unknown=()) if found.owners else found)
+        raise UsageError("\n  ".join([said, *lines[:_MOST_LINES]]))
     return Draft({FILE_NAME: text, **records, **begun}, [FILE_NAME, *records], names, found)
 
 

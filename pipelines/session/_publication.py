@@ -93,14 +93,6 @@ def publish(
     -------
     Published
 
-    Raises
-    ------
-    ConfigError
-        The session states no licence or no creators (the line to add is given), or a file has the name of a person
-        that is to be left out.
-    UsageError
-        The folder exists already, or the library ``rocrate`` is not installed.
-
     Examples
     --------
     >>> publish("my-session", "my-package", anonymous=True)  # doctest: +SKIP
@@ -144,8 +136,8 @@ def _require_statements(session: Session, anonymous: bool) -> None:
     """Raise ConfigError with the lines to add where licence, creators or an ORCID are not stated."""
     document = parse(session.root / FILE_NAME)
     if not session.licence:
-        line = 'licence = "CC-BY-4.0"'
-        document.report(("session",), f"no licence is stated for the data; add to [session] the line: {line}")
+        text = 'no licence is stated for the data; add to [session] the line: licence = "CC-BY-4.0"'
+        document.report(("session",), text)
     if not anonymous and not session.creators:
         lines = '[[creators]]\nname = "Given Family"\norcid = "0000-0002-1825-0097"\naffiliation = "Institute, Town"'
         document.report((), f"no creators are stated; add at the end, once for each:\n{lines}")
@@ -157,10 +149,8 @@ def _require_statements(session: Session, anonymous: bool) -> None:
         document.report(("session", "files"), "the raw files are in another folder; publish a copy that holds them")
     laboratory = session.root / document.tree.get("laboratory", LABORATORY)
     if laboratory.parent.resolve() != session.root:
-        text = (
-            f'{LABORATORY} is outside the session; copy it and its records here, and write laboratory = "{LABORATORY}"'
-        )
-        document.report(("laboratory",), text)
+        text = f'is outside the session; copy it and its records here, and write laboratory = "{LABORATORY}"'
+        document.report(("laboratory",), f"{LABORATORY} {text}")
     document.finish()
 
 
@@ -380,6 +370,8 @@ class Verified:
 def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], None] | None = None) -> Verified:
     """Check a published package: its checksums, and its numbers by processing its raw files again.
 
+    StoreError names the files that are missing or were changed since.
+
     Parameters
     ----------
     folder : path-like
@@ -390,11 +382,6 @@ def verify(folder: str | Path, *, jobs: int = 1, progress: Callable[[Event], Non
     Returns
     -------
     Verified
-
-    Raises
-    ------
-    StoreError
-        Files are missing or were changed since; they are named.
 
     Examples
     --------

@@ -24,10 +24,6 @@ UNKNOWN = "no instrument recognises the content"
 COLUMNS = "columns = "
 """Begins the line to copy that the advice on an unknown table ends with."""
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
-LOOSE = (
-    "images of a film directly in the session folder: move them into a folder of their own, such as film, then run "
-    "labpipe init again"
-)
 _ZEROS = "it begins with zeros only, as a copy that broke off leaves it; copy it again from the instrument"
 _UNUSED: dict[instruments.Content, str] = {
     "displacement": "the kind of experiment does not follow from it alone; add it by hand",
@@ -132,7 +128,7 @@ def why_unknown(folder: Path, name: str) -> str:
     if _leads_out(path, folder):
         return "a link that leads out of the folder"
     if _is_loose_frame(folder, name):
-        return LOOSE
+        return "images of a film directly in the session folder: move them into a folder of their own, then init again"
     if suffix in _PICTURES:
         return PICTURE
     try:

@@ -41,9 +41,8 @@ def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
     return load(path, may_lack=pages)
 
 
-def reopen_session(folder: str | Path) -> Session:
-    """Open a session as :func:`open_session`, but let experiments that have a page lack files."""
-    return open_session(folder, is_processed=True)
+reopen_session = partial(open_session, is_processed=True)
+"""Open a session as :func:`open_session`, but let experiments that have a page lack files."""
 
 
 def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
@@ -83,10 +82,8 @@ def result(folder: str | Path, experiment: str, stage: str | None = None, record
     ----------
     folder : path-like
         The session folder.
-    experiment, stage : str
-        Names, for example ``"acrylic_1p5mm"`` and ``"bounces"``.
-    recording : str, optional
-        The file, for stages that run once per recording.
+    experiment, stage, recording : str
+        Names, for example ``"acrylic_1p5mm"`` and ``"bounces"``; the file, for stages that run once per recording.
 
     Returns
     -------

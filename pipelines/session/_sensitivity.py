@@ -17,7 +17,7 @@ import pandas as pd
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.report import Block, Column, Details, Listed, Paragraph, Section, Table, listed, shown_source
+from labpipe.report import Block, Column, Paragraph, Section, Table, shown_source
 from labpipe.uncertainty import (
     Budget,
     Indices,
@@ -28,7 +28,6 @@ from labpipe.uncertainty import (
     monte_carlo,
     sobol,
 )
-from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared import budget_blocks
 from pipelines.experiments.shared.budget_quantity import Quantity
@@ -127,8 +126,15 @@ def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
     pages = []
     for kind in dict.fromkeys(e.kind for e in chosen):
         own = [e for e in found if session.experiments[e.experiment].kind == kind]
+        sections = [Section("What to measure better", (*answer(own), *synthetic_notice(session)))]
+        for name in dict.fromkeys(e.experiment for e in own):
+            of_name = [e for e in own if e.experiment == name]
+            propagated = [(e.quantity, e.budget, e.drawn) for e in of_name]
+            table = budget_blocks.overview(propagated, "to halve the uncertainty", [e.advice for e in of_name])
+            sections.append(Section(name, (table,)))
         pages.append(session.folder / f"sensitivity_{kind}.html")
-        files.write_text(pages[-1], _page(session, kind, own))
+        title = f"Uncertainty and sensitivity: {KINDS[kind].title}"
+        files.write_text(pages[-1], session_document(session, title, sections))
     return Sensitivity(tuple(found), tuple(pages))
 
 
@@ -138,25 +144,6 @@ def examined(experiment: str, quantity: Quantity) -> Examined:
     return Examined(
         experiment, quantity, linear_budget(model, inputs), monte_carlo(model, inputs), sobol(model, inputs)
     )
-
-
-def _page(session: Session, kind: str, found: Sequence[Examined]) -> str:
-    """Return the page of the quantities of one kind of experiment as HTML text; budgets are on those of experiments."""
-    sections = [Section("What to measure better", (*answer(found), *synthetic_notice(session)))]
-    for name in dict.fromkeys(e.experiment for e in found):
-        own = [e for e in found if e.experiment == name]
-        propagated = [(e.quantity, e.budget, e.drawn) for e in own]
-        table = budget_blocks.overview(propagated, "to halve the uncertainty", [e.advice for e in own])
-        rows = [(e.quantity.name, source, indices) for e in own for source, indices in e.indices.items()]
-        shares = listed([
-            Listed("quantity", [quantity for quantity, *_ in rows]),
-            Listed("input", [shown_source(source) for _, source, _ in rows]),
-            # an estimated share may be a little below zero
-            Listed("Sobol, alone", [100.0 * max(indices.first, 0.0) for *_, indices in rows], "%", digits=3),
-            Listed("Sobol, in all", [100.0 * max(indices.total, 0.0) for *_, indices in rows], "%", digits=3),
-        ])  # fmt: skip
-        sections.append(Section(name, (table, Details("Shares of the variance", blocks=(shares,)))))
-    return session_document(session, f"Uncertainty and sensitivity: {KINDS[kind].title}", sections)
 
 
 def _known_better(shares: dict[str, float]) -> str:

@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 RARE = 0.0027
 """Probability of a value beyond three standard deviations, as the limits of a control chart have it."""
 GROUPS = {"record": "calibration record", "operator": "operator", "specimen": "specimen"}
-
-
 _OTHER_TEMPERATURE = 10.0
 """K from the median of a material, beyond which an experiment has charts of its own: rooms vary by less."""
 
@@ -248,10 +246,7 @@ def _elapsed(days: pd.Series[str]) -> Floats:
 def _groups(
     own: pd.DataFrame, table: pd.DataFrame, line: Floats
 ) -> Iterator[tuple[str, tuple[float, dict[str, float]]]]:
-    """Compare the means of groups: sessions by record and operator, experiments by specimen within their session.
-
-    The drift is taken off before operators are compared.
-    """
+    """Compare means: sessions by record and, less the drift, operator; experiments by specimen within their session."""
     from scipy.stats import f_oneway
 
     within = own["value"] - own["session"].map(table.set_index("session")["value"]) + table["value"].mean()

@@ -18,10 +18,7 @@ _NAMED = 5  # more experiments than these are not read in a sentence
 
 
 def belief(verdicts: Mapping[str, Verdict], names: Iterable[str], waiting: Iterable[str] = ()) -> Notice:
-    """Say how many of the named experiments of a session can be believed, and name the others.
-
-    Those without a verdict wait for their steps, or for lines of their settings.
-    """
+    """Say how many of the named experiments of a session can be believed, and name the others."""
     words = {name: verdicts[name].believable.replace("unknown", "not known") if name in verdicts else _STALE
              for name in names} | dict.fromkeys(waiting, _WAITING)  # fmt: skip
     n, known = len(words), list(words.values())

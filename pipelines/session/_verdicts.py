@@ -76,16 +76,6 @@ class Verdict:
     n_of_session: int = 0
 
     @property
-    def own(self) -> tuple[Finding, ...]:
-        """The findings of the experiment by itself."""
-        return self.findings[: len(self.findings) - self.n_of_session]
-
-    @property
-    def of_session(self) -> tuple[Finding, ...]:
-        """The findings that follow from the session as a whole."""
-        return self.findings[len(self.findings) - self.n_of_session :]
-
-    @property
     def cause(self) -> str:
         """The most likely mistake in the record; empty where it is believable, or nothing is known."""
         grave = [finding for finding in self.findings if finding.level == self.believable]
@@ -118,17 +108,9 @@ class Verdicts(ShownAsTable):
         """Whether any record contradicts itself, physics, or the session's statements."""
         return any(v.believable == "impossible" for v in self.experiments)
 
-    def document(self) -> list[dict[str, Any]]:
-        """Return all verdicts for JSON."""
-        return [verdict.document() for verdict in self.experiments]
-
-    def notes_document(self) -> list[dict[str, Any]]:
-        """Return the notes for JSON."""
-        return _documents(self.notes)
-
     def __getitem__(self, name: str) -> list[dict[str, Any]]:
         """Return ``verdicts["experiments"]`` or ``["findings"]`` as in the JSON of ``process``."""
-        return {"experiments": self.document, "findings": self.notes_document}[name]()
+        return {"experiments": [v.document() for v in self.experiments], "findings": _documents(self.notes)}[name]
 
     def _shown(self) -> Shown:
         rows = [
@@ -189,7 +171,7 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     if not judged and not kept:
         return {}
     marks = _marks(results)
-    known = {n: one.verdict for n, one in kept.items() if marks.get(n) == one.mark}
+    known = {name: one for name, (mark, one) in kept.items() if marks.get(name) == mark}
     made = [
         _of_result(session, session.experiments[name], "done", result)
         for name, row in judged.items()
@@ -200,18 +182,11 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
     return {name: one for name in session.experiments if (one := new.get(name) or known.get(name)) is not None}
 
 
-class _Kept(msgspec.Struct):
-    """A verdict, and the digest of all that it comes from."""
-
-    mark: str
-    verdict: Verdict
-
-
-def _kept(results: Results) -> tuple[Path, dict[str, _Kept]]:
-    """Return the file of kept verdicts, and these by experiment; none where it is absent or damaged."""
+def _kept(results: Results) -> tuple[Path, dict[str, tuple[str, Verdict]]]:
+    """Return the file of kept verdicts, and by experiment its mark and verdict; none where it is absent or damaged."""
     path = Store(results.plan.session.folder).root / VERDICTS
     try:
-        return path, msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, _Kept])
+        return path, msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, tuple[str, Verdict]])
     except (OSError, msgspec.ValidationError):
         return path, {}
 
@@ -220,8 +195,8 @@ def _keep(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     """Keep verdicts in addition to those that are still true."""
     if verdicts:
         marks, (path, known) = _marks(results), _kept(results)
-        kept = {name: one for name, one in known.items() if marks.get(name) == one.mark}
-        kept |= {name: _Kept(marks[name], one) for name, one in verdicts.items()}
+        kept = {name: one for name, one in known.items() if marks.get(name) == one[0]}
+        kept |= {name: (marks[name], one) for name, one in verdicts.items()}
         with contextlib.suppress(StorageError):  # it only saves time
             files.write_bytes(path, files.seal(msgspec.to_builtins(dict(sorted(kept.items())))))
 

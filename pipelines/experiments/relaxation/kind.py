@@ -42,7 +42,6 @@ KIND = Kind(
     stages=_STAGES,
     key_numbers=(KeyNumber("plateau force", "N", "tests", "plateau_force"),),
     picture=Picture("loads", "time", "force"),
-    error="nrmse_all",
     rows=derived("relaxation.comparison:rows", "ramps comparison"),
     budget=derived("relaxation.budget:quantities", "curves"),
     body="substrate",

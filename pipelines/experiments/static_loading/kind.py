@@ -47,7 +47,6 @@ KIND = Kind(
     stages=_STAGES,
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
-    error="nrmse_contact_radius_model",
     rows=derived("static_loading.comparison:rows", "comparison approach model"),
     budget=derived("static_loading.budget:quantities", "displacement steps approach model"),
     body="sphere",

@@ -1,6 +1,5 @@
 """Changes of session.toml: comments and order stay, and what cannot be done is refused."""
 
-import datetime
 import tomllib
 
 import pytest
@@ -42,13 +41,6 @@ def test_a_value_is_set_where_it_stands() -> None:
     made = edits.set_value(TEXT, ("experiments", "b", "sphere", "radius"), "9 mm")
     assert tomllib.loads(made)["experiments"]["b"]["sphere"] == {"radius": "9 mm"}
     assert "# the second one" in made
-
-
-def test_a_note_is_one_line_of_its_own() -> None:
-    notes = [{"on": datetime.date(2026, 11, 29), "text": 'said "x"'}]
-    changed = edits.set_value(TEXT, ("experiments", "a", "notes"), notes)
-    assert 'notes = [{ on = 2026-11-29, text = "said \\"x\\"" }]\n' in changed
-    assert set(TEXT.splitlines()) < set(changed.splitlines())
 
 
 def test_windows_line_ends_stay() -> None:

@@ -56,24 +56,6 @@ def test_what_is_drawn_is_what_was_found(serving: Callable[[Path], Page], filmed
         assert np.mean([places.min(axis=0), places.max(axis=0)], axis=0) == pytest.approx(square, abs=2.0)
 
 
-def test_a_frame_without_a_result_or_a_film_without_one_is_shown_and_says_so(
-    serving: Callable[[Path], Page], filmed: Path, tmp_path: Path
-) -> None:
-    page = serving(filmed)
-    track = result(filmed, "ptfe_film", "track")
-    left_out = sorted(set(range(page.told(f"api/film?name={FRONT}")["frames"])) - set(track["frame"].values.tolist()))
-    for index in left_out[:1]:
-        places, _, caption = drawn(page, FRONT, index)
-        assert (places.size, caption.endswith("this frame was not evaluated")) == (0, True)
-    assert page.told(f"api/film?name={FRONT}&index=9999")["image"] == ""
-    assert page.ask("api/film?name=session.toml")[0] == 400
-    shutil.copytree(filmed / "film", tmp_path / "film")
-    alone = serving(tmp_path)
-    assert alone.told(f"api/film?name={FRONT}")["experiment"] == ""
-    places, _, caption = drawn(alone, FRONT, 7)
-    assert (places.size, caption.endswith("no result of this film is up to date")) == (0, True)
-
-
 @pytest.fixture
 def window(tmp_path: Path) -> Iterator[Browser]:
     yield from opened(tmp_path)

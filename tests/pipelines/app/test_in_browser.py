@@ -1,9 +1,6 @@
 """The local page in a real browser: from raw files to a report, with the keyboard alone as well."""
 
-import json
-import re
 import shutil
-import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -14,9 +11,7 @@ import pytest
 
 from instruments import phantom
 from instruments.phantom._writer import Recording
-from pipelines.app import open_guide
-from pipelines.guide import pages
-from pipelines.session import Gap, checked, init, open_session
+from pipelines.session import open_session
 from tests.labpipe.report.conftest import Browser, opened
 from tests.pipelines.app.conftest import Page
 from tests.pipelines.app.test_measuring import ruler
@@ -160,21 +155,6 @@ def test_the_page_says_when_its_server_is_gone(window: Browser, page: Page) -> N
     window.until("document.getElementById('message').textContent.includes('does not answer')")
 
 
-def test_pages_of_the_guide_come_from_here_with_their_pictures(window: Browser) -> None:
-    served = open_guide()
-    thread = threading.Thread(target=served.run)
-    thread.start()
-    try:
-        for name in sorted(pages())[::3]:
-            window.visit(f"{served.address}{name}.html", width=390)
-            assert window.run("[...document.images].every(i => i.complete && i.naturalWidth > 0)"), name
-            assert window.run("document.documentElement.scrollWidth") <= 390, name
-            quiet(window, Page(served))
-    finally:
-        served.stop()
-        thread.join(60)
-
-
 @pytest.fixture
 def filmed(tmp_path: Path) -> Path:
     """A film of a body between two edges 380 px apart, and nothing else."""
@@ -256,133 +236,3 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     after = iter((filmed / "session.toml").read_text("utf-8").splitlines())
     assert all(line in after for line in before)  # remarks and order are kept
     quiet(window, page)
-
-
-PILE = {
-    "thesis-small/laser/acrylic_1p5mm_{}.csv": ["PMMA 1,5mm #1.csv", "PMMA 1,5mm 2 neu.csv"],
-    "core/laser/acrylic_7mm_{}.csv": ["pmma_7_1.csv", "pmma_7_2.csv", "pmma_7_3 neu.csv"],
-    "core/laser/acrylic_10mm_{}.csv": ["messung_1.csv", "messung_2.csv"],
-    "thesis-small/laser/nylon_1p5mm_{}.csv": ["test.csv"],
-    "thesis-small/laser/ptfe_1p5mm_{}.csv": ["Teflon 1,5 mm #1.csv", "Teflon 1,5 mm #2.csv"],
-    "thesis-small/laser/ptfe_static.csv": ["gewichte_ptfe.csv"],
-    "thesis-small/laser_plate/plate_acrylic_1p5mm_1.csv": ["platte.csv"],
-    "thesis-small/dma/acrylic_dma.csv": ["PMMA_freq_sweep.csv", "alt/Kopie von PMMA_freq_sweep.csv"],
-    "thesis-small/dma/ptfe_dma.csv": ["Teflon_DMA.csv"],
-    "thesis-small/dma/nbr_dma.csv": ["NBR_Rheo.csv"],
-    "thesis-small/mach1/nbr_relaxation_{}00um.txt": ["NBR 100.txt", "NBR 200.txt", "Kopie (2) von NBR 300.txt"],
-    "thesis-small/film/acrylic_1p5mm_film_under.cine": ["Cam_24881_Cine2.cine"],
-    "thesis-small/film/ptfe_front.cine": ["Teflon front.cine"],
-    "films/calibration/ruler_under.png": ["Fotos/Lineal.png"],
-    "thesis-small/calibration/laser.toml": ["laser.toml"],
-}
-
-
-@pytest.fixture
-def pile(tmp_path: Path) -> Path:
-    """Forty files as a student leaves them."""
-    folder = tmp_path / "Stick"
-    for source, names in PILE.items():
-        for number, name in enumerate(names, 1):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(Path(__file__).parents[3] / "sample_data" / source.format(number), folder / name)
-    (folder / "5mm abgebrochen.csv").write_bytes((folder / "messung_1.csv").read_bytes()[:60_000])
-    for number in range(40 - sum(1 for path in folder.rglob("*") if path.is_file())):
-        (folder / f"alt/n{number}.log").write_text(f"Radius 9.525, try {number}")
-    return folder
-
-
-class Stopwatch(Person):
-    """A person with a mouse; counts clicks, and typed characters as keys."""
-
-    clicks = 0
-
-    def click(self, element: str, at: float = 0.5) -> None:
-        """Click on an element, which a script returns, at a part of its width."""
-        self.window.until(f"Boolean({element})")
-        self.window.run(f"{element}.scrollIntoView({{block: 'center'}})")
-        self.window.settle()
-        box = f"(b => [b.left + b.width * {at}, b.top + b.height / 2])({element}.getBoundingClientRect())"
-        self.window.click(*self.window.run(box))
-        self.clicks += 1
-
-    def push(self, text: str) -> None:
-        self.click(f"[...document.querySelectorAll('button')].find(e => e.offsetParent && ({button(text)}))")
-
-    def choose(self, label: str, value: str) -> None:
-        """Open a list and take an entry of it: two clicks."""
-        element = f"[...document.querySelectorAll('select')].find(e => e.ariaLabel === '{label}')"
-        self.window.run(f"(e => {{ e.value = '{value}'; e.dispatchEvent(new Event('change')); }})({element})")
-        self.clicks += 2
-
-    def fill(self, label: str, text: str, card: str = "") -> None:
-        within = f'#setup-experiments > [data-name="{card}"]' if card else "#setup"
-        self.click(f"document.querySelector({json.dumps(within)}).querySelector('[aria-label^=\"{label}\"]')")
-        self.window.run("document.activeElement.select()")  # Ctrl+A, one key
-        self.keys += 1
-        self.type(text)
-
-
-@pytest.mark.slow
-def test_forty_files_to_a_verdict_by_the_browser_alone(
-    window: Browser, pile: Path, serving: Callable[[Path], Page]
-) -> None:
-    window.visit(serving(pile).address)
-    window.until("document.getElementById('count').textContent === '40 of 40 files'")
-    person = Stopwatch(window)
-    person.push("Propose a session")
-    window.until("document.querySelectorAll('#setup-experiments > li').length > 9")
-    for name, kind, key in (
-        ("Cam_24881_Cine2", "contact_area", "wavelength"),
-        ("platte", "plate_vibration", "drops 1 height"),
-    ):
-        person.choose(f"Kind of {name}", kind)
-        window.until(f"document.querySelector('[data-name={name}] [aria-label=\"{key}\"]') !== null")
-    for label, text in (("radius", "9,525±0,005"), ("mass", "505±0,5"), ("temperature", "20±0,5")):
-        person.fill(f"{label} of the specimen PMMA_freq_sweep", text)
-    person.fill("height", "1,5±0,005", "PMMA_1_5mm")
-    person.fill("Poisson", "0,35±0,02", "PMMA_freq_sweep")
-    window.until("document.getElementById('setup').textContent.includes('read as 20±0,5 °C')")
-    person.push("Files")
-    person.click(
-        "[...document.querySelectorAll('#file-list li')].find(c => /Lineal/.test(c.textContent)).lastChild.lastChild"
-    )
-    window.until("stage.image !== null && document.getElementById('measure-canvas').width > 100")
-    for x in (41, 1239.6):
-        person.click("document.getElementById('measure-canvas')", x / 1280)
-    window.until("document.activeElement.id === 'measure-length'")
-    person.type("5,2±0,001")
-    person.choose("Record", "calibration/camera_under.toml")
-    person.push("Use as scale")
-    window.until("document.activeElement.id === 'setup-write'")
-    assert not (pile / "session.toml").exists()
-    person.push("Look at the difference and write")
-    person.push("Write and process")
-    window.until("!document.getElementById('run').hidden")
-    record = (pile / "calibration/camera_under.toml").read_text("utf-8")
-    assert 'how = "two clicks on Fotos/Lineal.png"' in record
-    assert re.search(r'pixel_length = "1198\.\d+ ± 0\.0\d+ px"', record)
-    card = "[...document.querySelectorAll('#experiments > li')].find(c => c.dataset.name === 'PMMA_1_5mm')"
-    told = window.until(f"/believable: (?:yes|doubtful|impossible).*/.exec({card}?.innerText)?.[0]", 400)
-    print(f"{person.clicks} clicks, {person.keys} characters: {told}")  # noqa: T201 (what is measured)
-    assert (person.clicks <= 20, person.keys <= 60) == (True, True)
-    window.run("history.back()")
-    window.until("!document.getElementById('setup').hidden")
-
-
-def test_forty_files_to_a_complete_drop_at_a_terminal(pile: Path) -> None:
-    answers = {"radius": "9.525±.005", "mass": "505±.5", "temperature": "20±.5", "height": "1.5±.005", "nu": ".35±.02"}
-    typed: list[str] = []
-    questions: list[int] = []
-
-    def person(gap: Gap) -> str | None:
-        """Answer what the acrylic drop needs, and leave the rest open by Enter."""
-        is_acrylic = "of acrylic" in gap.table or gap.table == "PMMA_freq_sweep"
-        questions.append(gap.of)
-        typed.append(answers[gap.key] if is_acrylic else "")
-        return checked(gap, typed[-1]) if is_acrylic else None
-
-    init(pile, ask=person)
-    print(f"{questions[-1]} questions, {sum(len(text) + 1 for text in typed)} characters with Enter")  # noqa: T201
-    assert questions[-1] <= 36
-    assert sum(map(len, typed)) <= 60
-    assert "PMMA_1_5mm" in open_session(pile).experiments

@@ -3,22 +3,16 @@
 import hashlib
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from calibration import load_record
 from labpipe import files
-from labpipe.workflow.exclusions import files_of
 from pipelines.app import open_guide
-from pipelines.experiments.shared.record_templates import blank_record
-from pipelines.session import open_session, process
+from pipelines.session import open_session
 from tests.pipelines.app.conftest import Page
 
 
@@ -195,32 +189,6 @@ def test_the_kind_of_an_experiment_is_changed_and_it_keeps_what_both_kinds_have(
     assert page.ask("api/check", {"base": base, "edits": [{"op": "kind", "name": "drop", "to": "no"}]})[0] == 400
 
 
-def test_a_calibration_record_is_made_on_the_page_and_lists_offer_what_fits(page: Page, raw: Path) -> None:
-    text = (raw / "calibration/laser.toml").read_text("utf-8")
-    (raw / "calibration/camera.toml").write_text(text.replace("laser", "camera"), "utf-8")
-    page.propose()
-    record = {"op": "record", "kind": "laser", "view": "", "names": ["drop"]}
-    asked = {"base": page.told("api/session")["base"], "edits": [record]}
-    looked = page.told("api/check", asked)
-    fields = {field["dotted"]: field for one in looked["experiments"] for field in one["fields"]}
-    new = fields["experiments.drop.calibration"]
-    assert new["text"] == "calibration/laser_2.toml"
-    assert sorted(new["suggestions"]) == ["calibration/laser.toml", "calibration/laser_2.toml"]
-    assert any(p["file"] == new["text"] and p["place"] == "values.inclination" for p in looked["problems"])
-    assert page.told("api/write", asked)["written"] == [new["text"], "session.toml"]
-    assert "valid_from = 2024-05-14" in (raw / new["text"]).read_text("utf-8")
-
-
-def test_what_is_wrong_is_told_at_its_field_whatever_its_experiment_is_called(page: Page) -> None:
-    page.propose()
-    base = page.told("api/session")["base"]
-    rename = {"op": "rename", "name": "drop", "to": "Kugel 7 mm ä"}
-    looked = page.told("api/check", {"base": base, "edits": [rename]})
-    fields = {field["dotted"] for one in looked["experiments"] for field in one["fields"]}
-    assert {problem["place"] for problem in looked["problems"]} <= fields
-    assert len(looked["problems"]) == len(FILLED)
-
-
 def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
     page.propose()
     base = page.told("api/session")["base"]
@@ -271,17 +239,6 @@ def test_before_a_run_it_is_told_what_would_run_and_what_waits_for_which_line(pa
     (raw / "mach1/nbr.txt").unlink()
     cards = {card["name"]: card for card in page.told("api/plan")["experiments"]}
     assert any("nbr.txt" in line for line in cards["nbr"]["waits"])
-
-
-def test_after_a_failure_it_is_told_again_even_by_another_server(
-    serving: Callable[[Path], Page], session_copy: Path
-) -> None:
-    (session_copy / "laser/drop_1.csv").write_text("cut\n")
-    process(session_copy, jobs=0)
-    cards = {card["name"]: card for card in serving(session_copy).told("api/plan")["experiments"]}
-    assert "drop_1.csv" in cards["drop"]["failed"]
-    assert cards["drop"]["page"]
-    assert (cards["nbr"]["to_run"], cards["nbr"]["failed"]) == (0, "")
 
 
 def test_two_reports_are_laid_side_by_side(serving: Callable[[Path], Page], session_copy: Path) -> None:
@@ -349,33 +306,6 @@ def fill_in(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_after_a_kill_the_run_ends_and_goes_on_where_it_was(
-    raw: Path, serving: Callable[[Path], Page], tmp_path: Path
-) -> None:
-    fill_in(serving(raw))
-    command = [sys.executable, "-m", "labpipe", "open", str(raw), "--no-browser"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"}
-    ) as one:
-        assert one.stdout is not None
-        first = Page(SimpleNamespace(address=one.stdout.readline().rpartition(": ")[2].strip()))
-        first.told("api/run", {"action": "process"})
-        state = until(first, lambda state: any(e["kind"] == "done" for e in state["events"]))
-        one.kill()
-    done = {(e["experiment"], e["stage"], e["recording"]) for e in state["events"] if e["kind"] == "done"}
-    log = raw / "labpipe/run.jsonl"
-    end = time.monotonic() + 120
-    while '"run interrupted"' not in log.read_text("utf-8"):  # its process has noticed
-        assert time.monotonic() < end
-        time.sleep(0.2)
-    again = serving(raw)
-    again.told("api/run", {"action": "process"})
-    ended = until(again, lambda state: not state["running"])
-    assert ended["code"] in (0, 1), ended
-    assert not done & {(e["experiment"], e["stage"], e["recording"]) for e in ended["events"] if e["kind"] == "done"}
-
-
-@pytest.mark.slow
 def test_what_arrives_while_it_is_watched_is_processed(page: Page, raw: Path) -> None:
     fill_in(page)
     late = raw / "mach1/nbr.txt"
@@ -388,14 +318,3 @@ def test_what_arrives_while_it_is_watched_is_processed(page: Page, raw: Path) ->
     assert ("nbr", "processed") in [(e.get("experiment"), e.get("state")) for e in state["events"]]
     page.told("api/run", {"action": "stop"})
     assert until(page, lambda state: not state["running"])["code"] == 130
-
-
-def test_a_record_of_a_load_cell_is_begun_from_a_recording(small_session: Path, tmp_path: Path) -> None:
-    (recording,) = [text for _, text in files_of(open_session(small_session).experiments["nbr"].settings)][:1]
-    name, text = blank_record(small_session, "load_cell", "", [recording], ())
-    assert name == "calibration/load_cell.toml"
-    assert '\ninstrument = "250N' in text
-    assert "\nvalid_from = 2024-05-14 " in text
-    path = tmp_path / "cell.toml"
-    path.write_text(text.replace('scale = "FILL"', 'scale = "1.000 ± 0.001"').replace("FILL", "x"), "utf-8")
-    assert load_record(path).values.scale.u == pytest.approx(1e-3)

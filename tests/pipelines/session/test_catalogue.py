@@ -74,15 +74,6 @@ def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> No
     assert "drop height" in row["cause"]
 
 
-def test_short_results_are_rows(sessions: Path) -> None:
-    where = "variable = 'restitution' and stage = 'repeats'"
-    found = query(sessions / CATALOGUE, where, table="results")
-    expected = result(sessions / "monday", str(found["experiment"][0]), "repeats")
-    assert list(found["value"]) == list(expected["restitution"].dropna("impact").values)
-    assert list(found["unit"].unique()) == ["1"]
-    assert (found["height"] > 0.0).all()
-
-
 def test_only_what_changed_is_read_again(sessions: Path, tmp_path: Path) -> None:
     root = tmp_path / "copy"
     shutil.copytree(sessions, root)

@@ -137,10 +137,3 @@ def test_the_table_for_latex_has_its_cells_and_escapes(processed_session: Path, 
 
 def _table_csv(session: Path, folder: Path) -> Path:
     return next(p for p in export(session, "csv", out=folder).paths if p.name == "quantities.csv")
-
-
-def test_a_table_of_a_file_or_of_one_step_is_refused(processed_session: Path) -> None:
-    with pytest.raises(UsageError, match="a table of a whole session"):
-        export(processed_session / "laser/drop_1.csv", "xlsx")
-    with pytest.raises(UsageError, match="leave out --stage"):
-        export(processed_session, "tex", stages=["bounces"])

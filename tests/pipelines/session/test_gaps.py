@@ -18,11 +18,9 @@ from pipelines.session._gaps import filled, gaps
     ("key", "unit", "answer", "written"),
     [
         ("radius", "mm", "9.525", "9.525 mm"),
-        ("radius", "mm", "0.9525 cm", "0.9525 cm"),
         ("mode", "", "Tension", "tension"),
         ("material", "", "PMMA", "acrylic"),
         ("radius", "mm", "9,525 ± 0,005", "9,525 ± 0,005 mm"),
-        ("radius", "m", "9.525e-3", "9.525e-3 m"),
         ("when", "", "2024-05-14", "2024-05-14"),
     ],
 )
@@ -34,7 +32,6 @@ def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> Non
     ("key", "unit", "answer", "words"),
     [
         ("radius", "mm", "9.525 g", 'expected for example "12.3 ± 0.1 mm", found "9.525 g"'),
-        ("radius", "mm", "1,500", "may stand before decimals or group thousands"),
         ("material", "", "steel", "acrylic, nbr, nylon, peek, ptfe"),
         ("mode", "", "tensile", "tension, bending, shear, torsion"),
         ("who", "", 'A "Person"', "without quotes"),
@@ -45,16 +42,6 @@ def test_an_answer_that_does_not_fit_says_what_would(key: str, unit: str, answer
     with pytest.raises(InputError) as caught:
         checked(Gap(1, "t", key, unit, ""), answer)
     assert words in str(caught.value)
-
-
-def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
-    text = 'wavelength = "FILL nm"  # of the light; "none" for white light\nheight = "FILL mm"\n'
-    first, second = gaps(text)
-    assert checked(first, "None") == "none"
-    with pytest.raises(InputError):
-        checked(second, "none")
-    left = filled({"session.toml": text}, lambda gap: "none" if gap.may_be_left_out else "7 mm")
-    assert left["session.toml"] == '# wavelength: there is none\nheight = "7 mm"\n'
 
 
 def test_a_specimen_is_asked_for_once_and_nothing_of_it_is_offered_for_another() -> None:
@@ -74,16 +61,6 @@ def test_a_specimen_is_asked_for_once_and_nothing_of_it_is_offered_for_another()
     assert asked[1].table == "sphere of acrylic, in a, b"
     assert [tables[name]["sphere"]["radius"] for name in "abc"] == ["2 mm", "2 mm", "3 mm"]
     assert tables["dma"] == tables["dma2"] == {"nu": "FILL"}
-
-
-def test_a_key_leaves_a_value_open_and_another_all_that_follow(pile: Path) -> None:
-    done = CliRunner().invoke(command, [str(pile), "--ask"], input="-\n505\n--\n")
-    assert done.exit_code == 0, done.output
-    assert "[1/5] acrylic_1p5mm.sphere: radius" in done.output
-    assert "= 505 g" in done.output
-    text = (pile / "session.toml").read_text("utf-8")
-    assert ('radius = "FILL mm"' in text, 'mass = "505 g"' in text) == (True, True)
-    assert 'who = "FILL"' in (pile / "calibration/laser.toml").read_text("utf-8")
 
 
 @pytest.fixture
@@ -111,10 +88,3 @@ def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
     assert list(session.experiments) == ["acrylic_1p5mm"]
     assert load_record(pile / "calibration/laser.toml").who == "A. Person"
     assert process(pile, ["displacement"], jobs=0).exit_code == 0
-
-
-def test_ctrl_c_during_the_questions_writes_nothing(pile: Path) -> None:
-    done = CliRunner().invoke(command, [str(pile), "--ask"], input="9.5\n")
-    assert done.exit_code == 1  # the input ended; `labpipe` itself turns this into 130
-    assert not (pile / "session.toml").exists()
-    assert not (pile / "calibration").exists()

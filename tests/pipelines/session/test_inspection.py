@@ -33,14 +33,6 @@ def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None
     assert Status.RANGEOVER_P == 1
 
 
-def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(small_session: Path) -> None:
-    found = describe(small_session / "mach1/nbr.txt")
-    assert found["problems"] == []
-    assert found["rate"] == "100 Hz"
-    function = next(row for row in found["variables"] if row["name"] == "function")
-    assert "Sinusoid" in function["values"]
-
-
 @needs_films
 def test_records_sessions_results_and_pictures_are_known(processed_session: Path, tmp_path: Path) -> None:
     record = describe(processed_session / "calibration/laser.toml")
@@ -101,19 +93,6 @@ def test_a_folder_tells_what_is_wrong_with_films_and_lists_what_is_alike_once(tm
     assert cut.startswith("a.cine: ")
     assert "lie beyond the end of the file" in cut
     assert other.startswith("stack/f3.png: 9 × 8 px")
-
-
-@needs_films
-def test_images_without_a_frame_rate_are_told_but_for_their_times(tmp_path: Path) -> None:
-    for number in range(3):
-        cv2.imwrite(str(tmp_path / f"frame_{number}.png"), np.full((24, 32), number, np.uint8))
-    found = inspect(tmp_path)
-    assert found["frames"] == 3
-    assert found["image"] == "32 × 24 px"
-    assert "rate" not in found
-    (said,) = found["problems"]
-    assert said.startswith("no frame rate")
-    assert inspect(tmp_path, fps=100.0)["rate"] == "100 Hz"
 
 
 def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_path: Path) -> None:

@@ -4,14 +4,10 @@ import json
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from pipelines.cli import main
-from pipelines.experiments import KINDS, Picture
 from pipelines.session import PAGE, STAGES, open_session, write_overview
-from pipelines.session._overview import _chart
 
 
 def page(folder: Path) -> str:
@@ -37,62 +33,6 @@ def test_the_page_is_written_again_only_after_a_change(session_copy: Path) -> No
     toml.write_text(toml.read_text("utf-8").replace('height = "1.5', 'height = "1.6'), "utf-8")
     write_overview(open_session(session_copy), STAGES)
     assert re.search(r"\d+ of \d+ steps to do(?! or failed)", page(session_copy))  # nothing has failed
-
-
-def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "compare.html" not in page(session_copy)
-    with pytest.raises(SystemExit):
-        main(["compare", str(session_copy), "--jobs", "0"])
-    capsys.readouterr()
-    assert '<a href="compare.html">Measurement against model</a>' in page(session_copy)
-    compared = (session_copy / "labpipe/compare.html").read_text("utf-8")
-    assert '<a href="index.html">All experiments of this session</a>' in compared
-
-
-def test_key_numbers_and_pictures_name_stages_that_exist() -> None:
-    for kind in KINDS.values():
-        named = {kind.picture.stage, *(number.stage for number in kind.key_numbers)}
-        assert named <= {stage.name for stage in STAGES[kind.name]}, kind.name
-
-
-def test_each_kind_has_a_table_with_its_own_numbers(session_copy: Path) -> None:
-    toml = session_copy / "session.toml"
-    text = toml.read_text("utf-8")
-    film = 'film = "laser/drop_1.csv"\ncamera = "calibration/laser.toml"\n'
-    table = 'rheometer = ["laser/drop_1.csv"]\nmode = "shear"\nnu = "0.35"\n'
-    text += f'\n[experiments.front]\nkind = "dic_validation"\n{film}'
-    text += '\n[experiments.melt]\nkind = "dma"\n' + table
-    toml.write_text(text, "utf-8")
-    write_overview(open_session(session_copy), STAGES)
-    found = page(session_copy)
-    titles = re.findall("<h2>(.*?)</h2>", found)
-    assert titles[:5] == ["Answer", "Ball drop", "Harmonic", "Camera against laser", "DMA"]
-    assert "2 of 4 experiments done" in found
-    assert found.count('class="data index"') == 4  # of one row each: nothing to sort
-    drop = found[found.index("<h2>Ball drop") : found.index("<h2>Harmonic")]
-    assert "first restitution" in drop
-    assert "storage stiffness" not in drop
-
-
-def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
-    y = [1.0, 2.0, np.nan, 3.0, 4.0]
-    drawn = _chart(xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(5.0)}), Picture("", "x", "a"))
-    assert drawn is not None
-    assert np.isnan(drawn.series[0].y).tolist() == [False, False, True, False, False]
-    empty = xr.Dataset({"a": ("x", [1.0, np.nan])}, coords={"x": [0.0, 1.0]})
-    assert _chart(empty, Picture("", "x", "a")) is None
-
-
-def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:
-    for victim in (session_copy / "labpipe/store").glob("??/*.nc"):
-        data = bytearray(victim.read_bytes())
-        data[len(data) // 2] ^= 0x10
-        victim.write_bytes(bytes(data))
-    (session_copy / "labpipe" / PAGE).unlink()
-    write_overview(open_session(session_copy), STAGES)
-    text = page(session_copy)
-    assert "first restitution" not in text
-    assert "data:image/png" not in text
 
 
 def test_a_file_that_no_experiment_uses_is_a_note_of_the_session(

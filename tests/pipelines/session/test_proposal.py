@@ -4,26 +4,17 @@ import json
 import os
 import shutil
 import tomllib
-from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from instruments import phantom
-from instruments.phantom._writer import Recording
 from labpipe.errors import ConfigError, UsageError
-from labpipe.materials import modulus_factor
 from pipelines.experiments import KINDS
-from pipelines.experiments.dma.proposal import mode_line
-from pipelines.experiments.shared.proposals import height_line
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import describe, init, open_session, survey
-from pipelines.session._recognition import UNKNOWN, recognise, recognised_below, why_unknown
-
-START = datetime(2024, 5, 14, 9, 30)
 
 
 @pytest.fixture
@@ -83,15 +74,6 @@ def test_repeats_are_grouped_by_what_their_records_show_and_by_names_without_mar
     assert "no lengths can be read from cut.csv" in text
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [(b"", "the file is empty"), (bytes(9000), "begins with zeros only"), (bytes(5) + b"x" + bytes(9000), UNKNOWN)],
-)
-def test_a_film_without_content_says_so(tmp_path: Path, content: bytes, said: str) -> None:
-    (tmp_path / "front.cine").write_bytes(content)
-    assert said in why_unknown(tmp_path, "front.cine")
-
-
 def test_a_template_waits_for_its_values_and_makes_no_mistake(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no such folder"):
         init(tmp_path / "tomorrow")
@@ -124,19 +106,6 @@ def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
     assert "no kind of experiment begins from them" in solutions
     assert "film/ (film exported as images): neither its content nor its name tells" in images
     assert not (tmp_path / "session/session.toml").exists()
-
-
-def test_exported_films_are_proposed_by_their_names_and_ask_for_the_frame_rate(tmp_path: Path) -> None:
-    picture = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
-    for name in ("under the disc", "holder", "microscope"):
-        (tmp_path / name).mkdir()
-        for frame in range(2):
-            (tmp_path / name / f"im_{frame}.png").write_bytes(picture)
-    scan = init(tmp_path)
-    text = scan.path.read_text("utf-8")
-    assert scan.experiments == ["holder", "under_the_disc"]
-    assert text.count('frame_rate = "FILL Hz"') == 2
-    assert [line.partition(" (")[0] for line in scan.unused] == ["microscope/"]
 
 
 def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Path) -> None:
@@ -173,18 +142,6 @@ def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> Non
     assert "photos/a.jpg and 1 more beside it: a picture" in pictures
 
 
-def test_a_session_within_a_folder_keeps_its_files_and_what_was_written_for_it(pile: Path) -> None:
-    init(pile)
-    (pile / "forgotten.csv").write_bytes((pile / "acrylic 7mm rep1.csv").read_bytes())
-    inner = pile / "copy"
-    (inner / "labpipe").mkdir(parents=True)
-    for name in ("session.toml", "other.csv", "labpipe/export.csv"):
-        (inner / name).write_bytes((pile / "acrylic 7mm rep1.csv").read_bytes())
-    assert "forgotten.csv" in dict(recognised_below(pile, set()))
-    assert not any(name.startswith("copy/") for name, _ in recognised_below(pile, set()))
-    assert [name for name in recognise(pile).owners if name.startswith("copy/")] == ["copy/other.csv"]
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows makes no such names")
 @pytest.mark.parametrize("name", [b"two\nlines.csv", b"\xff\xfe.csv", b"CON.csv", "\u202ecsv.a".encode()])
 def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name: bytes) -> None:
@@ -197,15 +154,6 @@ def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name
     json.dumps([entry._asdict() for entry in survey(pile)], ensure_ascii=False).encode("utf-8")
 
 
-def test_a_table_that_cannot_be_read_says_what_it_lacks(tmp_path: Path) -> None:
-    bare = "Angular Frequency,Storage Modulus,Loss Modulus\n" + "".join(f"{k},{2e6 + k},3e5\n" for k in range(1, 9))
-    (tmp_path / "bare.csv").write_text(bare)
-    with pytest.raises(UsageError, match=r"bare.csv.*: line 1: Storage Modulus has no unit"):
-        init(tmp_path)
-    (tmp_path / "whole.csv").write_text(bare.replace(" Modulus", " Modulus (Pa)"))
-    assert any("line 1: Storage Modulus has no unit" in line for line in init(tmp_path).unused)
-
-
 def test_a_material_comes_from_its_dma_export_where_one_lies_in_the_folder(pile: Path) -> None:
     write_dma(pile, "acrylic_dma", SOLIDS["acrylic"], Protocol(temperatures=(20.0, 40.0), ramp=(0.0, 10.0)), 3)
     text = init(pile).path.read_text("utf-8")
@@ -215,66 +163,6 @@ def test_a_material_comes_from_its_dma_export_where_one_lies_in_the_folder(pile:
     # two exports of one material: the choice is the user's
     write_dma(pile, "pmma_again", SOLIDS["acrylic"], Protocol(temperatures=(20.0, 40.0), ramp=(0.0, 10.0)), 4)
     assert "material_from" not in init(pile, replace=True).path.read_text("utf-8")
-
-
-@pytest.fixture
-def filmed(small_session: Path, tmp_path: Path) -> Path:
-    """A drop by the laser, and a film of three frames from the front."""
-    frames = np.full((3, 8, 16), 90, dtype=np.uint8)
-    day = int(START.replace(tzinfo=UTC).timestamp())
-    recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-    phantom.write(tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording)
-    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
-    return tmp_path
-
-
-def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path, small_session: Path) -> None:
-    text = init(filmed).path.read_text("utf-8")
-    assert 'laser_experiment = "acrylic_7mm"' in text
-    shutil.copy(small_session / "laser/drop_2.csv", filmed / "acrylic_5mm_1.csv")
-    text = init(filmed, replace=True).path.read_text("utf-8")
-    assert '# laser_experiment = "NAME"' in text
-
-
-def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questions(filmed: Path) -> None:
-    asked: list[str] = []
-    init(filmed, ask=lambda gap: asked.append(gap.question))
-    text = (filmed / "calibration/camera_front.toml").read_text("utf-8")
-    assert "valid_from = 2024-05-14" in text
-    about_camera = [q for q in asked if "calibration of camera front: " in q]
-    assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == ["who", "how", "reference length", "pixel length"]
-
-
-@pytest.mark.parametrize(
-    ("name", "told", "line"),
-    [
-        ("ptfe_tension", {"shear": "Shear Strain"}, 'mode = "tension"  # proposed from the file name'),
-        ("ptfe", {"shear": "G'"}, 'mode = "shear"  # or torsion, which converts alike: the file has a column "G\'"'),
-        ("ptfe", {"extensional": "E'"}, 'mode = "tension"  # or bending, which converts alike: the file has a column'),
-        ("ptfe", {"shear": "G'", "extensional": "E'"}, 'mode = "FILL"  # tension, bending, shear or torsion'),
-        ("ptfe", {"": ""}, 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
-    ],
-)
-def test_the_mode_of_a_rheometer_is_proposed_from_its_name_or_its_headings(
-    name: str, told: dict[str, str], line: str
-) -> None:
-    assert mode_line(name, told).startswith(line)
-    assert {modulus_factor(mode, 0.3) for mode in ("shear", "torsion")} == {modulus_factor("shear", 0.3)}
-    assert modulus_factor("tension", 0.3) == modulus_factor("bending", 0.3)
-
-
-@pytest.mark.parametrize(
-    ("name", "height"),
-    [
-        ("laser/acrylic_1p5mm_2.csv", "1.5 mm"),
-        ("Versuche Mai/2024-05-14 Acryl 1,5 mm #1.csv", "1.5 mm"),
-        ("drops 5mm/ptfe_1.csv", "5 mm"),
-        ("ptfe 19.05mm sphere 7mm.csv", "FILL mm"),  # which of both is the height nobody can tell
-        ("ptfe.csv", "FILL mm"),
-    ],
-)
-def test_the_height_is_proposed_where_a_name_tells_one_length(name: str, height: str) -> None:
-    assert height_line(name).startswith(f'height = "{height}"')
 
 
 def test_one_odd_file_never_stops_a_scan_and_keeps_its_advice(pile: Path) -> None:
@@ -295,12 +183,3 @@ def test_one_odd_file_never_stops_a_scan_and_keeps_its_advice(pile: Path) -> Non
     names = {row.name for row in survey(pile)}
     assert "img_0.png" in names
     assert "~$gel.xlsx" not in names
-
-
-def test_a_pair_of_photron_is_one_film(tmp_path: Path) -> None:
-    (tmp_path / "under.cih").write_text(
-        "#Camera Information Header\nRecord Rate(fps) : 1000\nTotal Frame : 2\nImage Width : 4\nImage Height : 2\n"
-        "Color Bit : 8\n"
-    )
-    (tmp_path / "under.mraw").write_bytes(bytes(16))
-    assert recognise(tmp_path).of("film") == ["under.mraw"]

@@ -68,10 +68,6 @@ def test_command_writes_a_page_per_kind_though_another_recording_is_lost(
     assert {row["experiment"] for row in document["quantities"]} == {"nbr"}
 
 
-def test_measured_and_simulated_quantities_have_budgets(found) -> None:
-    assert {q for _, q in found} >= {"height of the fall", "restitution of the model, impact 1"}
-
-
 def test_where_the_result_bends_both_ways_differ_and_the_page_says_so() -> None:
     inputs = {"a": Input(0.0, 1.0), "b": Input(0.0, 0.1)}
     bent = examined("x", Quantity("y", "m", lambda a, b: a * a + b, inputs))

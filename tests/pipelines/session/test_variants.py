@@ -66,11 +66,3 @@ def test_a_wrong_variant_waits_alone_with_its_line(small_session: Path, text: st
     assert set(found.experiments) == {"drop", "nbr"}
     first = before.count("\n") + 2
     assert any(one.startswith(f"session.toml:{first + line}: variants.a{message}") for one in found.waiting["a"])
-
-
-def test_another_material_replaces_that_of_the_base(small_session: Path) -> None:
-    before = (small_session / "session.toml").read_text("utf-8")
-    text = f'{before}\n[variants.a]\nbase = "drop"\nsphere.material = "ptfe"\n'
-    text = text.replace('material = "acrylic"', 'material_file = "session.toml"', 1)
-    settings = sessions.load(small_session, SETTINGS, text=text).experiments["a"].settings
-    assert (settings.sphere.material, settings.sphere.material_file) == ("ptfe", None)

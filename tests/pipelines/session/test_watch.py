@@ -2,16 +2,12 @@
 
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING, Settling, Watcher
-from pipelines.session import SETTINGS, STAGES, plan, process, watch
+from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING
+from pipelines.session import plan, process, watch
 from tests.by_day import by_day
 from tests.pipelines.stored import results
 
@@ -27,10 +23,6 @@ class Clock:
         path.write_bytes(data)
         self.now += 1
         os.utime(path, (self.now, self.now))
-
-
-def states(watcher: Watcher) -> dict[str, str]:
-    return {name: state for name, (state, _) in watcher.states.items()}
 
 
 @pytest.mark.slow
@@ -95,40 +87,3 @@ def test_a_broken_session_file_is_told_and_mended(small_session: Path, tmp_path:
     said = [news for _ in range(3) for news in watcher.look()]
     assert {(n.experiment, n.state) for n in said} == {("drop", WAITING), ("nbr", WAITING)}
     assert "0 of 3 files are there; next: laser/drop_1.csv" in said[0].text
-
-
-def test_a_failed_experiment_is_tried_again_only_after_a_change(session_copy: Path) -> None:
-    calls = []
-
-    def run(session, name):
-        calls.append((name, sorted(session.experiments)))
-        return process(session.root, only=[name], jobs=0)
-
-    watcher = Watcher(session_copy, SETTINGS, STAGES, lambda _e, _p: None, run, Settling(2))
-    path = session_copy / "laser/drop_2.csv"
-    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
-    for _ in range(5):
-        list(watcher.look())
-    assert states(watcher) == {"drop": FAILED, "nbr": PROCESSED}
-    assert calls == [("drop", ["drop"]), ("nbr", ["nbr"])]
-
-
-def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(pristine_session: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(pristine_session, folder)
-    child = subprocess.Popen(
-        [sys.executable, "-u", "-m", "labpipe", "watch", str(folder), "--every", "0.05"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert child.stdout is not None
-    line = child.stdout.readline()
-    time.sleep(0.2)
-    child.send_signal(signal.SIGINT)
-    _, err = child.communicate(timeout=60)
-    # a shell says 130 to both: Python ends by the signal itself where it was raised within an import by a C extension
-    assert child.returncode in (130, -signal.SIGINT)
-    assert "drop" in line
-    assert "Traceback" not in err
-    assert not list(folder.rglob("*.part"))
