@@ -216,20 +216,6 @@ def test_private_modules_are_imported_by_their_own_package_alone() -> None:
     assert wrong == []
 
 
-@pytest.mark.parametrize("package", ["labpipe.workflow", "calibration"])
-def test_what_only_its_own_package_imports_is_marked_as_private(package: str) -> None:
-    """These packages have modules that are public by their own name; all others are private."""
-    outsiders = [m for m in modules() if not f"{m}.".startswith(f"{package}.")]
-    used = {name for module in outsiders for name in taken(module)}
-    wrong = [
-        name
-        for name, path in modules().items()
-        if folder_of(name) == package and path.name != "__init__.py" and not path.stem.startswith("_")
-        if name not in used
-    ]
-    assert wrong == []
-
-
 def test_no_modules_import_each_other_in_a_circle() -> None:
     waiting = {name: set(taken(name)) - {name, folder_of(name)} for name in modules()}
     waiting["labpipe"] = set()  # the front door: see above

@@ -95,7 +95,6 @@ how = "ruler"
         ('scale = "77.7 um/px"', "no uncertainty"),
         ('reference_length = "30 mm"', "either"),
         ('scale = "77.7 ± 0.1 mm"', "image scale"),
-        ('pixel_length = "386 ± 1 mm"\nreference_length = "30 mm"', "pixels"),
     ],
 )
 def test_a_wrong_record_names_its_line(tmp_path: Path, values: str, words: str) -> None:

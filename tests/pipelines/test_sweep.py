@@ -188,6 +188,16 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     np.testing.assert_array_equal(found["sum"].values[kept], kept + 3.0)
 
 
+def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> None:
+    library = Path(materials.__file__).parent / "library"
+    own, found = tmp_path / "own.toml", []
+    for name in ("acrylic", "ptfe"):
+        own.write_text((library / f"{name}.toml").read_text("utf-8"), "utf-8")
+        swept = sweep("drop", tmp_path / "map.nc", fixed={"material": str(own), "rtol": "0.001"})
+        found.append(float(swept.dataset.restitution))
+    assert found[0] - found[1] > 0.05
+
+
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:
     vary, fixed = {"material": "acrylic, ptfe", "height": "1 mm : 3 mm : 3"}, {"radius": "9.5 ± 0.1 mm"}
     plan = design("drop", vary, fixed, draws=4)

@@ -39,7 +39,6 @@ def _polymer(text: str) -> str:
 _TEMPERATURE = r'(\ntemperature = ")([\d.]+)'
 _SCALE, _HEIGHT = r'(\nscale = ")([\d.]+)', r'(\nheight = ")(10)(?= )'
 CASES = {
-    "modulus of the sweeps +5 %": (SESSION, _scaled(_SCALE, 1.05), {"relaxation": "modulus"}),
     "modulus of the sweeps +7 %": (SESSION, _scaled(_SCALE, 1.07), {"harmonic": "modulus"}),
     "height +0.4 %": (SESSION, _scaled(_HEIGHT, 1.004), {"drop": "height"}),
     "inclination +1 degree": (
@@ -47,7 +46,6 @@ CASES = {
         _shifted(r'(inclination = ")([\d.]+)', 1.0),
         {"drop": "scale of length"},
     ),
-    "gain of the laser +0.5 %": ("calibration/laser.toml", _scaled(_SCALE, 1.005), {"drop": "scale of length"}),
     "ruler +1 %": (
         "calibration/camera_under.toml",
         _scaled(r'(reference_length = ")([\d.]+)', 1.01),
@@ -65,7 +63,6 @@ CASES = {
         {"harmonic": "delay of the force"},
     ),
     "radius of the tips +12 %": (SESSION, _scaled(r'(\nradius = ")(2)(?= )', 1.12), {"relaxation": "tip radius"}),
-    "temperature of all +3 K": (SESSION, _shifted(_TEMPERATURE, 3.0), {"harmonic": "temperature"}),
     "temperature of all +5 K": (
         SESSION,
         _shifted(_TEMPERATURE, 5.0),

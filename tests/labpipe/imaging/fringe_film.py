@@ -1,7 +1,7 @@
 """Films of a contact seen through interference, with truth: every pixel is supersampled.
 
-Nothing here uses the package: the gap is the closed form of Hertz's contact (written anew), a
-rigid sphere above the flat, or integrated numerically from a pressure distribution.
+Nothing here uses the package: the gap is the closed form of Hertz's contact (written anew), or that of a rigid
+sphere above the flat.
 """
 
 import itertools
@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
-from scipy.special import ellipe, ellipk
 
 from labpipe.arrays import Floats
 
@@ -50,31 +49,6 @@ def gap_of_hertz(r: Floats, a: float, radius: float) -> Floats:
         return r * r / (2.0 * radius)
     rho = np.maximum(r / a, 1.0)
     return a * a / radius * (np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)) / np.pi
-
-
-def gap_of_pressure(a: float, radius: float, count: int = 1500, reach: float = 3.0) -> tuple[Floats, Floats]:
-    """Gap on a grid of r from rings of constant pressure that sum to Hertz's pressure.
-
-    Surface displacement of a ring is the difference of two discs of uniform pressure; the
-    modulus cancels, because the pressure that belongs to a is proportional to it.
-    """
-    edges = a * np.sin(np.linspace(0.0, 0.5 * np.pi, count + 1))
-    r = np.concatenate([np.linspace(0.0, 0.98 * a, 50), a * (1.0 + np.linspace(0.0, 1.0, 3000) ** 2 * (reach - 1.0))])
-
-    def disc(c: float) -> Floats:
-        inside = np.minimum(r, c)
-        outside = np.maximum(r, c)
-        k = c / outside
-        far = outside * (ellipe(k**2) - (1.0 - k**2) * ellipk(np.minimum(k**2, 1.0 - 1e-14)))
-        return np.where(r <= c, c * ellipe((inside / c) ** 2), far)
-
-    displacement = np.zeros_like(r)
-    for low, high in itertools.pairwise(edges):
-        # Hertz: p = 2 E* sqrt(a² - r²) / (pi R); mean over the ring by area, in closed form.
-        mean = (2.0 / 3.0) * ((a**2 - low**2) ** 1.5 - (a**2 - high**2) ** 1.5) / (high**2 - low**2)
-        displacement += 2.0 / (np.pi * radius) * mean * 4.0 / np.pi * (disc(high) - (disc(low) if low > 0.0 else 0.0))
-    gap = displacement - a * a / radius + r * r / (2.0 * radius)
-    return r, gap
 
 
 def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:

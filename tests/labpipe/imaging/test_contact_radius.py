@@ -173,6 +173,7 @@ def test_ellipse_leaves_the_mean_radius_and_costs_little_where_it_is_free() -> N
 
 
 def no_contacts() -> dict[str, np.ndarray]:
+    """Relative brightness of scenes that show no contact."""
     y, x = np.mgrid[: SMALL.rows, : SMALL.columns]
     r, beside = np.hypot(x - 160.0, y - 120.0), np.hypot(x + 20.0, y - 120.0)
 
@@ -189,7 +190,7 @@ def no_contacts() -> dict[str, np.ndarray]:
         "shadow cut by the frame": 1.0 - 0.7 * np.exp(-0.5 * ((beside / 25.0) ** 2)),
         "stripes": 1.0 + 0.7 * np.cos(x / 3.0),
         **{f"soft shadow {w}": 1.0 - 0.7 * np.exp(-0.5 * (r / w) ** 2) for w in (15, 40, 80)},
-        **{f"soft disc {w}": 1.0 - 0.7 / (1.0 + np.exp(np.clip((r - 80) / w, -50, 50))) for w in (10, 20, 40)},
+        **{f"soft disc {w}": 1.0 - 0.7 / (1.0 + np.exp(np.clip((r - 80) / w, -50, 50))) for w in (10, 40)},
         **{f"rings at {g} um": rings(g) for g in (0.0, 0.05, 0.08, 0.16, 0.24, 0.32, 1.0)},
         **{f"moving rings {w} um": rings(0.3, w) for w in (0.05, 0.1, 0.2, 0.3)},
     }

@@ -15,7 +15,8 @@ from labpipe.imaging.fringes._ring_fit import (
     tabulate,
 )
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, Optics, make_optics, ring_limits
-from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, exposed_image, gap_of_pressure
+from pipelines.bench.contact_radius import surface_gap
+from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, exposed_image
 
 SCENE = Scene(rows=240, columns=320)
 PIXEL = SCENE.pixel_size
@@ -119,8 +120,9 @@ def test_a_noise_free_image_gives_the_radius_to_nanometres(
     assert radius_of(fit) == pytest.approx(a, abs=limit)
 
 
-def test_gap_from_a_pressure_distribution_gives_the_same_radius() -> None:
-    profile = gap_of_pressure(150e-6, SCENE.sphere_radius, reach=6.0)
+def test_gap_from_the_springs_of_the_contact_gives_the_same_radius() -> None:
+    r = 150e-6 * (1.0 + 6.0 * np.linspace(0.0, 1.0, 4000) ** 2)
+    profile = np.append(0.0, r), np.append(0.0, surface_gap(r, 150e-6, SCENE.sphere_radius))
     image = clean_image(SCENE, 150e-6, (155.3, 118.2), profile=profile)
     fit = fit_contact(image, start_at(150e-6, 155.0, 118.6), OPTICS, FitSettings())
     assert radius_of(fit) == pytest.approx(150e-6, abs=2e-9)

@@ -5,6 +5,8 @@ import hashlib
 import io
 import json
 import re
+import subprocess
+import sys
 from functools import cache
 from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
@@ -185,6 +187,23 @@ def test_a_page_names_no_address_outside_itself():
     # The one address left is the name of uPlot's home in its licence comment, and the SVG name.
     outside = set(re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]+", page))
     assert outside <= {"https://github.com", "http://www.w3.org"}
+
+
+@pytest.mark.slow
+def test_a_page_does_not_depend_on_hash_seed_time_zone_or_locale():
+    script = (
+        "import numpy as np\n"
+        "from labpipe.report import *\n"
+        "t = np.linspace(0, 1, 99)\n"
+        "c = LineChart('c', 'x', 'y', (Series('a', t, t), Series('b', t, -t)))\n"
+        "print(ascii(Document('d', sections=(Section('s', (c,)),)).render()))\n"
+    )
+    pages = set()
+    for seed, zone, locale in (("1", "UTC", "C"), ("2", "Asia/Tokyo", "de_DE.UTF-8")):
+        environment = {"PYTHONHASHSEED": seed, "TZ": zone, "LC_ALL": locale, "PATH": ""}
+        done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, check=True)
+        pages.add(done.stdout)
+    assert len(pages) == 1
 
 
 def test_a_crowded_page_stays_below_its_size_and_gives_small_charts_what_they_need():
