@@ -56,8 +56,6 @@ def test_a_changed_setting_reruns_only_what_stands_behind_it(session_copy: Path)
     assert done == to_run  # the plan said so beforehand
 
 
-
-
 @pytest.mark.slow
 def test_two_workers_give_the_bytes_of_this_process(
     small_session: Path, pristine_session: Path, tmp_path: Path
