@@ -190,22 +190,21 @@ def load(
     if head.files and not files.is_dir():
         document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    named = (_named_tables(document.tree, key) for key in ("defaults", "experiments", "variants"))
-    tables = _Tables(document, kinds, *named)
-    tables.read_laboratory(root)
-    if not tables.experiments and not document.problems:
+    tables = _tables(document.tree, "experiments", "variants", "defaults") | _of_laboratory(document, root, kinds)
+    names = [str(place[1]) for place in tables if place[0] == "experiments"]
+    variants = {str(place[1]): table for place, table in tables.items() if place[0] == "variants"}
+    if not names and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-    for place in [("defaults", kind) for kind in tables.defaults] + [(LABORATORY, *at) for at in tables.laboratory]:
+    for place in tables:
         if place[-2] == "defaults" and (kind := str(place[-1])) not in kinds:
             document.report(place, f"unknown kind{suggest(kind, kinds)}")
-    at_laboratory = (root / layout.laboratory).parent.resolve() if tables.laboratory else None
-    checker = Checker(document, files, laboratory=at_laboratory)
+    checker = Checker(document, files, laboratory=(root / layout.laboratory).parent.resolve())
     places: dict[str, Place] = {}
-    for name in tables.experiments:  # each followed by its variants
+    for name in names:  # each followed by its variants
         places[name] = ("experiments", name)
-        places |= {one: ("variants", one) for one, table in tables.variants.items() if table.get("base") == name}
-    places |= {name: ("variants", name) for name in tables.variants if name not in places}
-    _check_names(document, places, tables.variants)
+        places |= {one: ("variants", one) for one, table in variants.items() if table.get("base") == name}
+    places |= {name: ("variants", name) for name in variants if name not in places}
+    _check_names(document, places, variants)
     experiments: dict[str, Experiment] = {}
     waiting: dict[str, tuple[str, ...]] = {}
     own_problems: dict[str, int] = {}
@@ -213,7 +212,7 @@ def load(
         alone = replace(document, problems={}, origin={})  # the mistakes of an experiment stop it, and no other
         waits = may_wait or name in may_lack
         own = replace(checker, document=alone, gaps={}, names=places, own=name, may_wait=waits)
-        one = tables.experiment(own, place)
+        one = _experiment(own, kinds, tables, place)
         if one is not None and one.base in experiments:
             one = replace(one, changed=_changed(experiments[one.base].settings, one.settings))
             if not one.changed:
@@ -251,127 +250,119 @@ def _check_version(document: Document) -> None:
         raise ConfigError([document.at(("labpipe",), message)])
 
 
-def _named_tables(tree: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
-    """Return the tables ``[key.NAME]``; anything else has been reported."""
-    value = tree.get(key)
-    return {n: table for n, table in value.items() if isinstance(table, dict)} if isinstance(value, dict) else {}
+def _tables(tree: Mapping[str, Any], *keys: str) -> dict[Place, dict[str, Any]]:
+    """Return the tables ``[KEY.NAME]`` by their places; anything else has been reported."""
+    groups = {key: tree[key] for key in keys if isinstance(tree.get(key), dict)}
+    of_each = (((key, name), table) for key, group in groups.items() for name, table in group.items())
+    return {place: table for place, table in of_each if isinstance(table, dict)}
 
 
-@dataclass(slots=True)
-class _Tables:
-    """The tables that experiments are made of: those of the session, and of the laboratory's file."""
+def _of_laboratory(
+    document: Document, root: Path, kinds: Mapping[str, type[msgspec.Struct]]
+) -> dict[Place, dict[str, Any]]:
+    """Return the tables of the laboratory's file, where the session names one, by places that begin with its name.
 
-    document: Document
-    kinds: Mapping[str, type[msgspec.Struct]]
-    defaults: Mapping[str, dict[str, Any]]
-    experiments: Mapping[str, dict[str, Any]]
-    variants: Mapping[str, dict[str, Any]]
-    laboratory: dict[Place, dict[str, Any]] = field(init=False, default_factory=dict)
+    Its lines join those of the session's document.
+    """
+    if not isinstance(named := document.tree.get("laboratory"), str):
+        return {}
+    path = root / named
+    is_above = path.name == LABORATORY and path.parent.resolve() in (root, *root.parents)
+    if not (is_above and path.is_file()):
+        expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
+        problem = f"{expected}, found {found(named)}"
+        if is_above:
+            problem = f"there is no file {found(named)}; correct the name, or delete this line"
+        document.report(("laboratory",), problem)
+        return {}
+    other = parse(path)
+    _check_version(other)
+    document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
+    fields = (info for kind in kinds.values() for info in fields_of(kind))
+    known = {"labpipe", "defaults"} | {info.encode_name for info in fields if tables_of(info.type)}
+    for key, table in other.tree.items():
+        if key not in known:
+            document.report((LABORATORY, key), f"unknown key{suggest(key, known - {'labpipe'})}")
+        elif key != "labpipe" and not isinstance(table, dict):
+            document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
+    return {(LABORATORY, *place): table for place, table in _tables(other.tree, *known).items()}
 
-    def read_laboratory(self, root: Path) -> None:
-        """Read the laboratory's file, where the session names one.
 
-        Its lines join those of the session's document, at places that begin with the name of the file.
-        """
-        document = self.document
-        if not isinstance(named := document.tree.get("laboratory"), str):
-            return
-        path = root / named
-        is_above = path.name == LABORATORY and path.parent.resolve() in (root, *root.parents)
-        if not (is_above and path.is_file()):
-            expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
-            problem = f"{expected}, found {found(named)}"
-            if is_above:
-                problem = f"there is no file {found(named)}; correct the name, or delete this line"
-            document.report(("laboratory",), problem)
-            return
-        other = parse(path)
-        _check_version(other)
-        document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
-        fields = (info for kind in self.kinds.values() for info in fields_of(kind))
-        known = {"defaults"} | {info.encode_name for info in fields if tables_of(info.type)}
-        for key, table in other.tree.items():
-            if key not in known and key != "labpipe":
-                document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
-            elif key != "labpipe" and not isinstance(table, dict):
-                document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
-            self.laboratory |= {(key, name): inner for name, inner in _named_tables(other.tree, key).items()}
+def _layers(
+    document: Document, kinds: Collection[str], tables: Mapping[Place, dict[str, Any]], place: Place
+) -> dict[Place, dict[str, Any]]:
+    """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is wrong.
 
-    def layers(self, document: Document, place: Place) -> dict[Place, dict[str, Any]]:
-        """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is wrong.
-
-        Without a base it is its own table over the defaults of its kind, and those over the laboratory's.
-        """
-        layers, name = dict[Place, dict[str, Any]](), str(place[1])
-        if place[0] == "variants":
-            variant = self.variants[name]
-            base = variant.get("base")
-            if not isinstance(base, str) or base not in self.experiments:
-                problem = "missing" if base is None else f"there is no experiment {found(base)}"
-                near = suggest(str(base), self.experiments) or "; name an experiment"
-                document.report((*place, "base"), f"{problem}{near}")
-                return {}
-            layers[place] = {key: value for key, value in variant.items() if key not in ("base", "kind")}
-            if "kind" in variant:
-                document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
-            name = base
-        own = self.experiments[name]
-        kind = own.get("kind")
-        if not isinstance(kind, str) or kind not in self.kinds:
-            known = f"missing; known kinds: {', '.join(sorted(self.kinds))}"
-            text = known if kind is None else f"unknown kind {found(kind)}{suggest(str(kind), self.kinds)}"
-            document.report(("experiments", name, "kind"), text)
+    Without a base it is its own table over the defaults of its kind, and those over the laboratory's.
+    """
+    layers, own = dict[Place, dict[str, Any]](), place
+    if place[0] == "variants":
+        base = tables[place].get("base")
+        if not isinstance(base, str) or ("experiments", base) not in tables:
+            problem = "missing" if base is None else f"there is no experiment {found(base)}"
+            near = suggest(str(base), (str(at[1]) for at in tables if at[0] == "experiments"))
+            document.report((*place, "base"), f"{problem}{near or '; name an experiment'}")
             return {}
-        below: Place = ("defaults", kind)
-        layers |= {("experiments", name): own, below: self.defaults.get(kind, {})}
-        if below in self.laboratory:
-            layers[LABORATORY, *below] = self.laboratory[below]
-        return layers
+        layers[place] = {key: value for key, value in tables[place].items() if key not in ("base", "kind")}
+        if "kind" in tables[place]:
+            document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
+        own = ("experiments", base)
+    kind = tables[own].get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        known = f"missing; known kinds: {', '.join(sorted(kinds))}"
+        text = known if kind is None else f"unknown kind {found(kind)}{suggest(str(kind), kinds)}"
+        document.report((*own, "kind"), text)
+        return {}
+    below: Place = ("defaults", kind)
+    return layers | {own: tables[own]} | {at: tables.get(at, {}) for at in (below, (LABORATORY, *below))}
 
-    def experiment(self, checker: Checker, place: Place) -> Experiment | None:
-        """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
-        document = checker.document
-        if not (layers := self.layers(document, place)):
-            return None
-        base, kind_name = (next(str(at[1]) for at in layers if at[0] == key) for key in ("experiments", "defaults"))
-        kind = self.kinds[kind_name]
-        merged: dict[str, Any] = {}
-        overrides: dict[str, tuple[str, str]] = {}
-        for at, table in layers.items():
-            own, parts = dict(table), dict[str, tuple[Any, Place]]()
-            for info in fields_of(kind) if self.laboratory else ():
-                key, value = info.encode_name, own.get(info.encode_name)
-                name = value.get("from") if isinstance(value, dict) else value
-                if not isinstance(name, str) or not (tables := tables_of(info.type)):
-                    continue
-                if (key, name) not in self.laboratory:
-                    near = suggest(name, (str(of) for setting, of in self.laboratory if setting == key))
-                    near = near or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
-                    document.report((*at, key), f'there is no {key} "{name}"{near}')
-                    return None
-                own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
-                parts[key] = tables[0], (key, name)
-            merged = _overlaid(document, merged, own, kind, place, at, overrides)
-            for key, (inner, part) in parts.items():  # a part lies below the table that names it
-                if isinstance(upper := merged.get(key), dict):
-                    low, below = (LABORATORY, *part), self.laboratory[part]
-                    merged[key] = _overlaid(document, upper, below, inner, (*place, key), low, overrides)
-        # a value of the laboratory's file belongs to the line that refers to it
-        lines = {}
-        for at, _ in placed(merged, place):
-            to = document.written(at)
-            lines[dotted(at[2:])] = replace(document, origin={}).line(at if to[0] == LABORATORY else to)
-        if not any(info.encode_name == "kind" for info in fields_of(kind)):
-            merged.pop("kind", None)
-        settings = checker.structure(kind, _named(merged, base), place)
-        if not isinstance(settings, msgspec.Struct):
-            return None
-        try:
-            settings = without_excluded(settings)
-        except InputError as error:
-            checker.report((*place, EXCLUDE, int(error.reason)), str(error))
-        of = base if place[0] == "variants" else ""
-        return Experiment(checker.own, kind_name, settings, lines, of, overrides=overrides)
+
+def _experiment(
+    checker: Checker, kinds: Mapping[str, type[msgspec.Struct]], tables: Mapping[Place, dict[str, Any]], place: Place
+) -> Experiment | None:
+    """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
+    document = checker.document
+    if not (layers := _layers(document, kinds, tables, place)):
+        return None
+    base, kind_name = (next(str(at[1]) for at in layers if at[0] == key) for key in ("experiments", "defaults"))
+    kind, has_laboratory = kinds[kind_name], any(at[0] == LABORATORY for at in tables)
+    merged: dict[str, Any] = {}
+    overrides: dict[str, tuple[str, str]] = {}
+    for at, table in layers.items():
+        own, parts = dict(table), dict[str, tuple[Any, Place]]()
+        for info in fields_of(kind) if has_laboratory else ():
+            key, value = info.encode_name, own.get(info.encode_name)
+            name = value.get("from") if isinstance(value, dict) else value
+            if not isinstance(name, str) or not (inner := tables_of(info.type)):
+                continue
+            part: Place = (LABORATORY, key, name)
+            if part not in tables:
+                near = suggest(name, (str(one[2]) for one in tables if one[:2] == part[:2]))
+                near = near or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
+                document.report((*at, key), f'there is no {key} "{name}"{near}')
+                return None
+            own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
+            parts[key] = inner[0], part
+        merged = _overlaid(document, merged, own, kind, place, at, overrides)
+        for key, (structure, part) in parts.items():  # a part lies below the table that names it
+            if isinstance(upper := merged.get(key), dict):
+                merged[key] = _overlaid(document, upper, tables[part], structure, (*place, key), part, overrides)
+    # a value of the laboratory's file belongs to the line that refers to it
+    lines = {}
+    for at, _ in placed(merged, place):
+        to = document.written(at)
+        lines[dotted(at[2:])] = replace(document, origin={}).line(at if to[0] == LABORATORY else to)
+    if not any(info.encode_name == "kind" for info in fields_of(kind)):
+        merged.pop("kind", None)
+    settings = checker.structure(kind, _named(merged, base), place)
+    if not isinstance(settings, msgspec.Struct):
+        return None
+    try:
+        settings = without_excluded(settings)
+    except InputError as error:
+        checker.report((*place, EXCLUDE, int(error.reason)), str(error))
+    of = base if place[0] == "variants" else ""
+    return Experiment(checker.own, kind_name, settings, lines, of, overrides=overrides)
 
 
 def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, str]]:

@@ -129,7 +129,7 @@ def draft(folder: Path, template: Iterable[str] = ()) -> Draft:
         said = f"{folder}: no experiment is proposed"
         if not found.owners:
             known = ", ".join(each.name for each in instruments.known())
-            said += f": no file of a known instrument was found; known are {known}. Is it the right folder?"
+            said = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
         lines = _left_over(with_fields(found, unknown=()) if found.owners else found)
         raise UsageError("\n  ".join([said, *lines[:_MOST_LINES]]))
     return Draft({FILE_NAME: text, **records, **begun}, [FILE_NAME, *records], names, found)

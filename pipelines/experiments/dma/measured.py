@@ -69,7 +69,7 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps
     made = gather_sweeps(readings, settings.mode, settings.nu.value, tolerance=options.tolerance, fewest=options.fewest)
-    scale, moduli = _scale(readings, settings), ["storage", "loss"]
+    scale, moduli = _scale(settings), ["storage", "loss"]
     strains = [run["strain"].values for run in readings if "strain" in run]
     if strains and np.isfinite(largest := np.nanmax(np.concatenate(strains))):
         made.attrs["strain"] = float(largest)  # up to which the moduli are known to be those of a linear solid
@@ -78,8 +78,8 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     return made.assign({name: made[name].copy(data=made[name].values * scale.value) for name in moduli}).assign_attrs(u)
 
 
-def _scale(readings: list[xr.Dataset], settings: Dma) -> Quantity:
-    """Return the factor of all moduli: the stated scale, and the specimen's form factor over the file's."""
+def _scale(settings: Dma) -> Quantity:
+    """Return the factor of all moduli: the stated scale, and the specimen's form factor over that as entered."""
     specimen, scale = settings.specimen, settings.scale
     if specimen is None:
         return scale
@@ -88,18 +88,13 @@ def _scale(readings: list[xr.Dataset], settings: Dma) -> Quantity:
     factor = linear_budget(lambda **sizes: form_factor(settings.mode, **sizes), inputs)
     entered = {name: value.value for name, value in (dimensions | specimen.entered.given()).items()}
     own = form_factor(settings.mode, **entered)
-    columns = ("storage_modulus", "loss_modulus", "torque", "deflection_angle")
-    if settings.mode == "torsion" and all(set(columns) <= set(one) for one in readings):
-        runs = [one.isel(sample=rows) for one in readings for rows in trusted_rows(one)]
-        storage, loss, torque, angle = (np.concatenate([run[name].values for run in runs]) for name in columns)
-        own = float(np.nanmedian(np.hypot(storage, loss) * angle / torque))
     value = scale.value * factor.value / own
     return Quantity(value, value * hypot(scale.u / scale.value, factor.u / factor.value), "1")
 
 
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
-    factor = modulus_factor(settings.mode, settings.nu.value) * _scale(readings, settings).value
+    factor = modulus_factor(settings.mode, settings.nu.value) * _scale(settings).value
     ramps = []
     for run in (one.isel(sample=rows) for one in readings for rows in trusted_rows(one) if rows.size):
         frequency, T = run["frequency"].values, run["temperature"].values

@@ -249,7 +249,7 @@ def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset |
         text += f"{value_with_uncertainty(factor, u_factor)} with ν = {pages.stated(settings.nu)}, the same for all."
         blocks.append(Paragraph(text))
     if settings.specimen is not None:
-        text = "the form factor of the stated specimen over the one that the file's moduli were computed with"
+        text = "the form factor of the stated specimen over that of the dimensions as entered"
         shown = value_with_uncertainty(scale, u_scale * scale)
         blocks.append(Paragraph(f"All moduli were multiplied by {shown}: {text}."))
     blocks += pages.raw_headers(pages.present(readings))
