@@ -119,7 +119,7 @@ def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
     settings, parts = settings_of(folder, "d"), []
     for name in names:
         readings = laser_readings.readings(folder / name, settings=settings)
-        moved = laser_readings.displacement(readings, folder / "calibration/laser.toml", settings=settings)
+        moved = ball_drop.displacement(readings, folder / "calibration/laser.toml", settings=settings)
         parts.append((moved, ball_drop.bounces(moved, settings=settings)))
     known = [truth(folder, f"d_{i}") for i in (1, 2)]
     for (_, found), one in zip(parts, known, strict=True):

@@ -22,9 +22,9 @@ _each = partial(stage, per="recording", over="laser")
 _STAGES = (
     _each("shared.laser_readings:readings", "file:laser", "keyence exclude", "read the laser export"),
     _each(
-        "shared.laser_readings:displacement",
+        "ball_drop.measured:displacement",
         "readings file:calibration",
-        "sensor measured_on",
+        "sensor measured_on analysis.inclination_from_height analysis.contact height",
         "correct the inclination, with uncertainty",
         schema="displacement",
     ),

@@ -5,16 +5,20 @@ level of that contact.
 """
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.uncertainty import scatter_beyond
+from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.drop_model import padded
 
@@ -23,6 +27,20 @@ NOISE = "noise"
 _SPEEDS = ("incoming_speed", "outgoing_speed")
 _LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
 _PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
+
+
+def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:
+    """Correct the inclination: upward displacement of the holder, with uncertainty."""
+    moved = laser_readings.displacement(readings, record, settings=settings)
+    if not settings.analysis.inclination_from_height:
+        return moved
+    # the inclination from the fall of known height, along the line of sight
+    gain = float(moved["gain"])
+    along = moved["displacement_raw"] * gain
+    fall = signals.bounces(along, contact=settings.analysis.contact)
+    travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
+    found = laser.inclination_from_drop(travel, settings.height)
+    return laser_readings.displacement(readings, record, settings=settings, inclination=found)
 
 
 def bounces(displacement: xr.Dataset, plate: xr.Dataset | None = None, *, settings: BallDrop) -> xr.Dataset:

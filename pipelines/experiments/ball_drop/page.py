@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.report import Band, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed
+from labpipe.report import Band, KeyValues, LineChart, Listed, Notice, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
@@ -173,7 +174,11 @@ def _files(
     displacement: Sequence[xr.Dataset | None] = (),
 ) -> Section:
     first = ("recordings", str(len(settings.laser)), "repeats of the same drop")
-    return pages.laser_recordings(first, settings.sphere, context, readings, displacement)
+    section = pages.laser_recordings(first, settings.sphere, context, readings, displacement)
+    if not settings.analysis.inclination_from_height:
+        return section
+    notice = Notice("info", "The inclination was fitted from the drop height, not taken from the record.")
+    return replace(section, blocks=(notice, *section.blocks))
 
 
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:

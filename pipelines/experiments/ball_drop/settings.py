@@ -22,10 +22,12 @@ from pipelines.experiments.shared.settings import (
 class Analysis(Table, frozen=True, kw_only=True):
     """How displacement becomes bounces.
 
-    ``contact`` is the prior knowledge of the contact's pulse when an impact is fitted: "polymer" for spheres that
-    return more than half of their speed, "any" for a wider prior and wider intervals.
+    ``inclination_from_height`` fits the sensor's inclination from the known drop height; the calibration record is
+    then only compared. ``contact`` is the prior knowledge of the contact's pulse when an impact is fitted: "polymer"
+    for spheres that return more than half of their speed, "any" for a wider prior and wider intervals.
     """
 
+    inclination_from_height: bool = False
     contact: Literal["polymer", "any"] = "polymer"
 
 

@@ -26,7 +26,7 @@ def test_every_field_of_every_kind_is_in_the_reference() -> None:
     rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `")]
     shown = {(row[0].strip("| `"), row[3].strip(" |")) for row in rows}
     assert {("height", "required"), ("contact", '`"polymer"`'), ("gravity", '`"9.81 m/s2"`')} <= shown
-    assert ("allow_incomplete", "`false`") in shown
+    assert ("inclination_from_height", "`false`") in shown
     assert not any("Quantity(" in cell for row in rows for cell in row)
     assert any(row[0].strip("| `") == "contact" and "prior knowledge" in row[1] for row in rows)
 

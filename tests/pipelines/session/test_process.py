@@ -56,6 +56,27 @@ def test_a_changed_setting_reruns_only_what_stands_behind_it(session_copy: Path)
     assert done == to_run  # the plan said so beforehand
 
 
+def test_one_changed_recording_reruns_only_its_own_steps(session_copy: Path) -> None:
+    path = session_copy / "laser/drop_2.csv"
+    lines = path.read_bytes().split(b"\r\n")
+    lines[-2] = lines[-3].replace(lines[-3].split(b",")[0], lines[-2].split(b",")[0])
+    path.write_bytes(b"\r\n".join(lines))
+    rows = plan(session_copy).to_run
+    assert {row.recording for row in rows if row.recording} == {"laser/drop_2.csv"}
+    assert any("laser/drop_2.csv changed" in row.reason for row in rows)
+
+
+def test_the_inclination_is_recovered_from_the_drop_height(session_copy: Path) -> None:
+    path = session_copy / "session.toml"
+    section = "\n[experiments.drop.analysis]\ninclination_from_height = true\n"
+    path.write_text(path.read_text("utf-8") + section, "utf-8")
+    process(session_copy, ["displacement"], ["drop"], jobs=0)
+    for i in (1, 2):
+        found = result(session_copy, "drop", "displacement", f"laser/drop_{i}.csv")
+        known = truth(session_copy, f"drop_{i}")["inclination"]
+        assert abs(float(found["inclination"]) - known) < 2.5 * float(found["u_inclination"])
+
+
 @pytest.mark.slow
 def test_two_workers_give_the_bytes_of_this_process(
     small_session: Path, pristine_session: Path, tmp_path: Path
