@@ -34,7 +34,8 @@ _FAILED = {
 TITLES = {
     "whole file": Title("An export holds all declared points.", ("whole file",)),
     "columns": Title(
-        "Loss factor and frequency are consistent with the moduli.", ("loss factor", "frequency", "signs of the moduli")
+        "Loss factor, stress over strain and frequency are consistent with the moduli.",
+        ("loss factor", "stress over strain", "frequency", "signs of the moduli"),
     ),
     "single values": Title("Moduli change steadily with frequency.", ("single values",)),
     "size of the moduli": Title(
@@ -128,6 +129,22 @@ def _loss_factor(export: Export) -> Check:
     if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
         cause = _EXCHANGED
     return export.seen(name, text, "impossible" if abs(middle) > 0.05 else None, cause)
+
+
+def _stress_over_strain(export: Export) -> Check:
+    """Compare the moduli with stress over strain; instruments correct for clamps and inertia by up to a quarter."""
+    name = "stress over strain"
+    if "strain" not in export.data or "stress" not in export.data:
+        return not_made(name, "columns of stress and strain")
+    storage, loss, strain, stress = (export.values(n) for n in ("storage_modulus", "loss_modulus", "strain", "stress"))
+    size = np.hypot(storage, loss)
+    known = (strain > 0) & (stress > 0) & (size > 0)
+    if not known.any():
+        return not_made(name, "positive stresses and strains")
+    ratio = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
+    text = f"{export.name}: the moduli are {ratio:.3g} times stress over strain (median)"
+    cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(ratio)}"
+    return compared(name, text, ratio, 0.02 * ratio, 1.0, 0.02, allowance=0.25, file=export.name, cause=cause)
 
 
 def _frequencies(export: Export) -> Check:
@@ -268,7 +285,7 @@ def _measured_temperature(export: Export) -> Check:
 
 
 _OF_EXPORT = (
-    _whole_file, _loss_factor, _frequencies, _size_of_modulus, _signs_of_moduli, _mode_of_loading,
+    _whole_file, _loss_factor, _stress_over_strain, _frequencies, _size_of_modulus, _signs_of_moduli, _mode_of_loading,
     _single_values, _causality, _temperatures, _measured_temperature,
 )  # fmt: skip
 
