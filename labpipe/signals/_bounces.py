@@ -184,11 +184,11 @@ def _followed(time: Floats, values: Floats, sigma: float) -> _Motion:
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
-    (level, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
+    (_, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, (level, u_level), (speed, u_speed)))
+    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, u_level, (speed, u_speed)))
     speed *= direction
     return _Motion(fit, direction, speed, u_speed, find_turns(time, speed, u_speed))
 

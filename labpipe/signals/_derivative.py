@@ -195,8 +195,8 @@ def _spline(
         warnings.warn(wild.message(t), UserWarning, stacklevel=3)
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
     fit = smooth(t[kept], y[kept], sigma, *cuts)
-    (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
-    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
+    (_, u_level), (v, u) = evaluate(fit, t, 0, 1)
+    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], sigma, u_level[kept], (v[kept], u[kept])))
     counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": fit.n_updates}
     return v, u, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 

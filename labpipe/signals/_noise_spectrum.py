@@ -33,15 +33,15 @@ class Colour(NamedTuple):
 WHITE = Colour()
 
 
-def excess_of_rate(values: Floats, sigma: float, level: tuple[Floats, Floats], rate: tuple[Floats, Floats]) -> Floats:
+def excess_of_rate(values: Floats, sigma: float, u_level: Floats, rate: tuple[Floats, Floats]) -> Floats:
     """Return the standard uncertainty (n,) of a spline's rate by noise that is not white.
 
-    ``values`` (n,) have a white noise of ``sigma``; ``level`` and ``rate`` are those of the spline, each with its u by
-    that noise. In stretches that follow a parabola the rate is a straight line but for noise: the median of its
+    ``values`` (n,) have a white noise of ``sigma``; ``u_level`` is that of the spline by that noise, ``rate`` its rate
+    with u. In stretches that follow a parabola the rate is a straight line but for noise: the median of its
     variance about one, beyond that by white noise, counts everywhere, and in proportion where the spline passes higher
     frequencies. It is zero where no stretch follows a parabola.
     """
-    share, taken = (level[1] / sigma) ** 2, np.zeros(values.size)
+    share, taken = (u_level / sigma) ** 2, np.zeros(values.size)
     beyond, passed = [np.zeros(0)], [np.zeros(0)]
     for size in _SIZES:
         part = slice(values.size // size * size)
