@@ -25,12 +25,6 @@ _ROOM = 50_000_000
 """Bytes; all kernels together take a tenth of it."""
 
 
-def cache_folder() -> Path:
-    """Folder of the user for files that can be made again: ``$XDG_CACHE_HOME/labpipe``, or ``~/.cache/labpipe``."""
-    # Path.home raises where there is none
-    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "labpipe")  # noqa: PTH111
-
-
 @cache
 def kernel_digest(*folders: Path) -> str:
     """Digest of the source of all kernels in folders, and of the modules that they import from there."""
@@ -42,8 +36,10 @@ def kernel_digest(*folders: Path) -> str:
 
 
 def place_for_code(stated: str) -> Path:
-    """Return a folder that can be written to: the stated one, that of the user, or a temporary one."""
-    base = Path(stated or cache_folder())
+    """Return a folder that can be written to: the stated one, that of the user for caches, or a temporary one."""
+    # Path.home raises where there is none
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "labpipe")  # noqa: PTH111
+    base = Path(stated) if stated else user
     there = next(path for path in (base, *base.parents) if path.exists())
     try:
         can_write = there.is_dir() and os.access(there, os.W_OK | os.X_OK)

@@ -186,19 +186,21 @@ def si(given: Measure, unit_of: str, name: str) -> float:
     >>> si("9.525 mm", "m", "radius"), si("505 ± 0.5 g", "kg", "mass"), si(0.5, "s", "duration")
     (0.009525, 0.505, 0.5)
     """
+    first = unit_of.partition(" or ")[0]
+    usual = {"m": "9.5 mm", "kg": "505 g", "s": "0.5 s", "Pa": "3.2 GPa", "degC": "39 °C"}.get(first, f"1 {first}")
+    expected = f'expected a number in {unit_of}, or a text with a unit such as "{usual}"'
     if not isinstance(given, str | Quantity):
         try:
             return float(given)
         except (TypeError, ValueError):
-            raise InputError(f"{name}: expected {_example(unit_of)}; found {type(given).__name__}") from None
+            raise InputError(f"{name}: {expected}; found {type(given).__name__}") from None
     try:
         value, _, found = quantity(given) if isinstance(given, str) else given
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     if found not in unit_of.split(" or "):
         text = f'"{given}"' if isinstance(given, str) else f"{value:g} {found}"
-        is_in = "has no unit" if found == "1" else f"is in {found}"
-        raise InputError(f"{name}: {text} {is_in}; expected {_example(unit_of)}")
+        raise InputError(f"{name}: {text} {'has no unit' if found == '1' else f'is in {found}'}; {expected}")
     return value
 
 
@@ -207,11 +209,3 @@ def require_positive(unit: str = "", **values: float) -> None:
     for name, value in values.items():
         if not 0.0 < value < math.inf:
             raise InputError(f"{name} is {value}{unit and f' {unit}'}, expected a positive number")
-
-
-def _example(unit_of: str) -> str:
-    """Describe an argument, with an example in the unit that laboratories write."""
-    first = unit_of.partition(" or ")[0]
-    usual = {"m": "9.5 mm", "kg": "505 g", "s": "0.5 s", "Pa": "3.2 GPa", "degC": "39 °C"}
-    text = usual.get(first, f"1 {first}")
-    return f'a number in {unit_of}, or a text with a unit such as "{text}"'

@@ -213,7 +213,7 @@ class _Run:
         is_narrow = EXCLUDE in task.stage.parameters
         keywords: dict[str, Any] = {"settings": concerning(settings, task.files) if is_narrow else settings}
         if task.stage.context:
-            keywords["context"] = self._context(task)
+            keywords["context"] = self._context(task, key)
         if task.stage.shortcuts:
             keywords["full"] = self.job.full
         with warnings.catch_warnings(record=True) as raised:
@@ -253,27 +253,24 @@ class _Run:
                     result.attrs.pop(attribute, None)
         return result
 
-    def _context(self, task: Task) -> Context:
+    def _context(self, task: Task, key: Key) -> Context:
         """Return the context of a page: the run behind it."""
-        session, keys = self.job.session, self.plan.keys
-        behind = ancestors(self.plan.tasks, task.id)
+        keys, behind = self.plan.keys, ancestors(self.plan.tasks, task.id)
+        of = {name: (name.seen_from(task.id), name.recording) for name in behind}
         values = {name: keys[name].value for name in behind if name not in self.failures}
         found = {name: self.store.record(value) for name, value in values.items() if value is not None}
         records = {name: record for name, record in found.items() if record is not None}
-        of = {name: (name.seen_from(task.id), name.recording) for name in behind}
-        failed = ((name, self.failures[name]) for name in behind if name in self.failures)
-        own = session.experiments[task.id.experiment]
+        failed = {name: self.failures[name] for name in behind if name in self.failures}
         return Context(
-            **{name: getattr(session, name) for name in ("title", "operator", "notes", "synthetic")},
-            **{name: getattr(own, name) for name in ("kind", "base", "changed", "overrides")},
-            experiment=own.name,
-            ledger=summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
+            **key.ingredients["session"],
+            kind=key.ingredients["kind"],
+            ledger=summarise((n.experiment, n.stage, record.work) for n, record in records.items()),
             warnings=tuple(
                 Warned(*of[n], w.category, w.text, w.count) for n, record in records.items() for w in record.warnings
             ),
-            failures=tuple(Failed(*of[n], one.message, one.is_of_run, one.reason) for n, one in failed),
+            failures=tuple(Failed(*of[n], one.message, one.is_of_run, one.reason) for n, one in failed.items()),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
-            kept=tuple(Kept(*of[name], code_changed(keys[name].kept)) for name in behind if keys[name].kept),
+            kept=tuple(Kept(*of[n], code_changed(keys[n].kept)) for n in behind if keys[n].kept),
         )
 
 

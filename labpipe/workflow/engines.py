@@ -1,8 +1,8 @@
 """Calls side by side: in this process, in a pool of local processes, or on a Dask cluster.
 
-An engine opens a :class:`Crew`, which is given one :class:`Call` after the other and answers each; behind it is an
-executor of :mod:`concurrent.futures`. Local processes compute on one thread each, so that an answer does not depend on
-their number, and end with the crew. A process that dies breaks the pool, and a new one is started.
+A :class:`Crew` is given one :class:`Call` after the other and answers each; behind it is an executor of
+:mod:`concurrent.futures`. Local processes compute on one thread each, so that an answer does not depend on their
+number, and end with the crew. A process that dies breaks the pool, and a new one is started.
 """
 
 import contextlib
@@ -18,7 +18,6 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessP
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -100,20 +99,16 @@ class Crew:
             yield key, answer
 
 
-Engine = Callable[[], AbstractContextManager[Crew]]
-"""Opens a crew that ends with the block."""
-
-
-def choose(jobs: int, cluster: str | None = None) -> Engine:
-    """Return the engine for ``jobs`` local processes, or for the Dask scheduler at the address ``cluster``.
+def choose(jobs: int, cluster: str | None = None) -> AbstractContextManager[Crew]:
+    """Open a crew of ``jobs`` local processes, or of the Dask scheduler at the address ``cluster``, for one block.
 
     Without jobs it computes in this process, for a debugger. Raises InputError where the number is negative.
     """
     if jobs < 0:
         raise InputError(f"jobs must be at least 0, found {jobs}")
     if cluster is not None:
-        return partial(_cluster, cluster)
-    return partial(_processes, jobs) if jobs else lambda: contextlib.nullcontext(Crew(_here, lambda: 1))
+        return _cluster(cluster)
+    return _processes(jobs) if jobs else contextlib.nullcontext(Crew(_here, lambda: 1))
 
 
 def processors() -> int:
@@ -122,7 +117,11 @@ def processors() -> int:
 
 
 def side_by_side(
-    engine: Engine, function: str, tasks: Mapping[Key, tuple[Any, ...]], *, imports: Sequence[str] = ("numpy", "xarray")
+    engine: AbstractContextManager[Crew],
+    function: str,
+    tasks: Mapping[Key, tuple[Any, ...]],
+    *,
+    imports: Sequence[str] = ("numpy", "xarray"),
 ) -> Generator[tuple[Key, Any]]:
     """Call a function with the arguments of every task, and yield key and answer in the order of the answers.
 
@@ -130,7 +129,7 @@ def side_by_side(
     :class:`Call` and :class:`Crew`.
     """
     queue = iter(tasks)
-    with engine() as crew:
+    with engine as crew:
         while True:
             for key in islice(queue, crew.room):
                 crew.give(key, Call(function, tasks[key], tuple(imports)))

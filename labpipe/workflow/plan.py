@@ -252,10 +252,7 @@ def _key(
 
 
 def describe_file(root: Path, name: str, index: files.HashIndex) -> dict[str, Any]:
-    """Name, size and digest of a file or folder of the session.
-
-    The name belongs to the key: a function sees it, and readers are chosen by it.
-    """
+    """Name, by which readers are chosen, size and digest of a file or folder of the session."""
     path = root / name
     sha256 = index.digest(path)
     parts = files.files_below(path) if path.is_dir() else [path]

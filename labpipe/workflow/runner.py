@@ -84,7 +84,7 @@ def run_all(
     queue = iter(sessions)
     under_way: list[_SessionRun] = []
     try:
-        with engine() as crew:
+        with engine as crew:
             while True:
                 for state in [state for state in under_way if not state.waiting and not state.running]:
                     under_way.remove(state)

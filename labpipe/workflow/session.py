@@ -285,7 +285,7 @@ def _of_laboratory(
             document.report((LABORATORY, key), f"unknown key{suggest(key, known - {'labpipe'})}")
         elif key != "labpipe" and not isinstance(table, dict):
             document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
-    return {(LABORATORY, *place): table for place, table in _tables(other.tree, *known).items()}
+    return {(LABORATORY, *place): table for place, table in _tables(other.tree, *other.tree).items()}
 
 
 def _layers(

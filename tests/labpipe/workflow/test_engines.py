@@ -108,14 +108,14 @@ def test_a_cluster_answers_raises_and_refuses_another_installation(
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
-        engine = choose(0, cluster.scheduler_address)
+        address = cluster.scheduler_address
         tasks = {i: (i, marker) for i in (1, 2, 3, 4)}
-        found = dict(side_by_side(engine, f"{__name__}:deadly", tasks))
+        found = dict(side_by_side(choose(0, address), f"{__name__}:deadly", tasks))
         assert not marker.exists()
         assert found == {1: 2, 2: 4, 3: 6, 4: 8}
         with pytest.raises(ValueError, match="negative"):
-            dict(side_by_side(engine, DOUBLE, {0: (-1,)}))
+            dict(side_by_side(choose(0, address), DOUBLE, {0: (-1,)}))
         here = provenance.program()
         monkeypatch.setattr(provenance, "program", lambda: here | {"python": "2.7"})
         with pytest.raises(UsageError, match=r"another installation \(python 3.* there, 2.7 here"):
-            dict(side_by_side(engine, DOUBLE, {0: (1,)}))
+            dict(side_by_side(choose(0, address), DOUBLE, {0: (1,)}))
