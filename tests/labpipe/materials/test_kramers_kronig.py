@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
 from labpipe.materials import kramers_kronig
 
 FREQUENCY = np.logspace(-3, 5, 60)
@@ -30,16 +29,3 @@ def test_moduli_of_one_material_pass(name, noise, request):
 def test_wrong_calibration_of_the_phase_does_not_pass(name, factor, verdict, request):
     storage, loss = moduli(request.getfixturevalue(name), 0.025)
     assert kramers_kronig(FREQUENCY, storage, factor * loss).verdict == verdict
-
-
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        (([1.0, 2.0], [1.0], [1.0, 2.0]), "one length"),
-        (([1.0], [-1.0], [1.0]), "storage: found -1.0"),
-        (([], [], []), "frequency: found nothing"),
-    ],
-)
-def test_bad_arrays_are_refused(arrays, message):
-    with pytest.raises(InputError, match=message):
-        kramers_kronig(*arrays)

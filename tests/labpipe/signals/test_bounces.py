@@ -141,6 +141,19 @@ def test_a_record_cut_in_its_second_contact_falls_as_before(displacement_of, lef
 
 
 @pytest.mark.filterwarnings(STILL_MOVING)
+def test_an_elastic_body_returns_with_all_its_speed(bouncing, measure):
+    truth = bouncing(loss=0.0, duration=0.2)
+    z = []
+    for seed in range(4):
+        found = bounces(measure(truth, 50e3, 1e-6, seed, duration=0.2)[0]).isel(impact=slice(0, 3))
+        np.testing.assert_allclose(found.restitution, 1.0, atol=3e-3)
+        for name in ("touch", "liftoff"):
+            z.append((found[f"{name}_time"] - getattr(truth, name)[:3]) / found[f"u_{name}_time"])
+        z.append((found.incoming_speed - truth.incoming[:3]) / found.u_incoming_speed)
+    assert np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+@pytest.mark.filterwarnings(STILL_MOVING)
 def test_polymers_are_known_twice_as_well(displacement_of):
     # Truth from the package's own simulator, whose contact law these tests do not otherwise use.
     truth = drop(load("ptfe"), 9.525e-3, 0.505, 1.5e-3, 0.2)

@@ -63,15 +63,6 @@ def test_noise_of_the_difference_schemes_is_propagated_exactly(displacement_of, 
     np.testing.assert_allclose(found["u_velocity"], 2e-6 * np.linalg.norm(added, axis=0), rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [np.full(50, 3.0), np.full(50, 1e9), np.full(12, 0.1)],
-    ids=["constant", "large constant", "short constant"],
-)
-def test_constant_gives_zero(displacement_of, values):
-    assert np.array_equal(velocity(displacement_of(np.arange(len(values)), values)), 0 * values)
-
-
 def test_runs_of_outliers_are_left_out_and_named(displacement_of):
     time = np.arange(5000) / 5000
     values = np.sin(20 * time) + 1e-3 * np.random.default_rng(0).standard_normal(5000)

@@ -36,13 +36,3 @@ def test_the_touch_is_found_also_where_steps_of_force_are_above_the_noise(count:
 def test_no_touch_is_refused(position: np.ndarray, force: np.ndarray, match: str) -> None:
     with pytest.raises(InputError, match=match):
         first_touch(position, force)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_an_approach_that_stops_at_four_times_the_noise_has_its_touch(seed: int) -> None:
-    noise, touch = 0.015, 0.8e-3
-    z = np.linspace(0.0, 1e-3, 300)
-    force = 0.06 * np.maximum(0.0, z - touch) / (z[-1] - touch) + np.random.default_rng(seed).normal(0.3, noise, z.size)
-    assert abs(first_touch(z, force) - touch) < 0.1e-3
-    with pytest.raises(InputError, match="does not rise"):
-        first_touch(z, np.random.default_rng(seed).normal(0.3, noise, z.size))

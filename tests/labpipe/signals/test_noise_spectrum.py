@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._noise_spectrum import Colour, coloured_covariance, excess_of_rate
+from labpipe.signals._noise_spectrum import excess_of_rate
 from labpipe.signals._smoothing_spline import evaluate, smooth
-from tests.rounding import rounding
 
 _INTERVAL = 5e-5
 
@@ -32,17 +31,3 @@ def test_rate_of_a_spline_is_uncertain_by_noise_of_any_spectrum(corner, hum):
     z = np.concatenate(z)
     assert np.mean(np.abs(z) < 1.96) > 0.92
     assert np.sqrt(np.mean(z**2)) > 0.6
-
-
-def test_the_normal_matrix_is_that_of_the_noise():
-    rng, corner, count = np.random.default_rng(0), 300.0, 512
-    design = np.stack([np.ones(count), np.linspace(-1, 1, count), np.linspace(-1, 1, count) ** 2], axis=1)
-    time = np.arange(count) * _INTERVAL
-    white, coloured = (coloured_covariance(design, np.eye(3), time, Colour(c), 1.0) for c in (0.0, corner))
-    np.testing.assert_allclose(white, design.T @ design, rtol=rounding(count))
-    # Drawn over four times the length, so that the noise does not repeat.
-    drawn = np.array([design[:, 1:].T @ flicker(rng, 4 * count, 1.0, corner)[:count] for _ in range(1500)])
-    expected = np.diag(coloured)[1:]
-    # A slope is insensitive to what is slower than the record, the mean of a square is not.
-    assert drawn[:, 0].var() == pytest.approx(expected[0], rel=0.25)
-    assert drawn[:, 1].var() > 1.5 * np.sum(design[:, 2] ** 2)

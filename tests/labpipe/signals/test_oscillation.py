@@ -92,16 +92,6 @@ def test_damped_vibration_and_its_uncertainties():
     assert fit.natural_frequency == pytest.approx(300, rel=5e-3)
 
 
-@pytest.mark.parametrize("zeta", [0.0, 0.002, 0.3])
-def test_damping_over_two_decades(zeta):
-    s = np.arange(0.0, 0.1, 5e-5)
-    damped = 100 * np.sqrt(1 - zeta**2)
-    ring = 1e-5 * np.exp(-zeta * 2 * np.pi * 100 * s) * np.cos(2 * np.pi * damped * s) + 1e-4
-    fit = fit_sinusoid(s + 3.0, ring, is_damped=True)
-    assert (fit.frequency, fit.reference_time) == (pytest.approx(damped, rel=1e-3), 3.0)
-    assert fit.damping_ratio == pytest.approx(zeta, abs=1e-3)
-
-
 @pytest.mark.parametrize(
     ("time", "signal", "message"),
     [
