@@ -172,8 +172,8 @@ def read(
     instrument : str, optional
         The name of one of :func:`known`; by default the content of the file decides.
     **options
-        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; its ``Options`` list
-        them. With ``columns`` any table is read whose columns they name (:func:`instruments.tables.read`).
+        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; its ``Options`` list them. With
+        ``columns`` any table is read whose columns they name (:func:`instruments.tables.read`).
 
     Returns
     -------
@@ -182,10 +182,8 @@ def read(
 
     Raises
     ------
-    SourceError
-        The file is not known, is damaged, or changes while it is read.
-    UsageError
-        There is no such instrument, or it has no such option.
+    SourceError, UsageError
+        The file is not known, is damaged, or changes while it is read; there is no such instrument or option.
 
     Examples
     --------

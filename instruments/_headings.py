@@ -65,13 +65,7 @@ class Heading:
 
 @lru_cache(4096)
 def parsed(heading: str) -> Heading:
-    """Part a heading into quantity, unit, and the place that it belongs to.
-
-    Examples
-    --------
-    >>> parsed("E' (MPa)").name, parsed("freq_hz").unit, parsed("E'(1.000 Hz)/MPa").at
-    ('storage_modulus', 'hz', (1.0, 'Hz'))
-    """
+    """Part a heading into quantity, unit, and the place that it belongs to."""
     written = unicodedata.normalize("NFKC", repaired(heading.strip().strip("\ufeff"))).replace("\u2212", "-")
     text = _OF_SEVERAL.sub("", _COMMENT.sub("", written).strip())
     place = _PLACE.search(text)

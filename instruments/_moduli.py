@@ -75,13 +75,7 @@ def needed(names: set[str]) -> set[str]:
 
 
 def missing(names: set[str]) -> str:
-    """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing.
-
-    Examples
-    --------
-    >>> missing({"frequency", "temperature", "storage_modulus"})
-    'loss modulus, tan δ or phase'
-    """
+    """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing."""
     is_shift_table = names & {*TEMPERATURES} and names & SHIFTS
     if is_shift_table or (names & TIMES and names & RESPONSES):
         return ""

@@ -41,13 +41,7 @@ _CASED = ("T", "t", "Ts", "Tr")
 
 @lru_cache(4096)
 def fold(heading: str) -> str:
-    """Reduce a heading to its spelling in the table.
-
-    Examples
-    --------
-    >>> fold("log_aT"), fold("E″"), fold("T"), fold("t"), fold("Résultat:")
-    ('logat', "e''", 'T', 't', 'resultat')
-    """
+    """Reduce a heading to its spelling in the table."""
     text = heading.strip().translate(_PRIMES).replace("\u2217", "*").replace("\u0394", "δ")
     text = re.sub(r"(?<=\w\w)'s\b", "s", text)  # Young's
     text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
@@ -98,13 +92,7 @@ _LOST = "\N{REPLACEMENT CHARACTER}"
 
 @lru_cache(4096)
 def unit_of(text: str) -> Unit:
-    """Look a unit up as exports spell it; ``µ``, ``·`` and ``°`` may have been lost. InputError for an unknown one.
-
-    Examples
-    --------
-    >>> unit_of("[mN·m]").si, unit_of("rad s^-1").si, unit_of("hz").si, unit_of("Volts").si
-    ('N m', 'rad/s', 'Hz', 'V')
-    """
+    """Look a unit up as exports spell it; ``µ``, ``·`` and ``°`` may have been lost. InputError for an unknown one."""
     name = repaired(text.strip()).strip("[](){}<>$\\ ").strip()
     if _LOST in name:  # only three signs outside ASCII occur in these units, each in a place of its own
         name = "°C" if name == f"{_LOST}C" else ("µ" + name[1:] if name.startswith(_LOST) else name)

@@ -1,12 +1,9 @@
 """Biomomentum Mach-1 Motion text files: blocks of time, position and force, to a Dataset and back.
 
-The grammar is in :mod:`instruments.mach1._blocks`. Facts of the instrument that matter here:
-
-- force is in N or in gram-force per column, already low-passed (as its header declares), and not tared;
-- a six-axis cell counts compression negative, a single-axis cell positive. The reader keeps the sign of the file and
-  states it in ``compression_sign``: compression is ``compression_sign * force_z``;
-- time restarts at zero in every block; ``start_time`` is a local wall clock without a zone;
-- the declared frequency and amplitude are commands, not the motion of the stage: fit them.
+- Force is in N or in gram-force per column, already low-passed (as its header declares), and not tared.
+- A six-axis cell counts compression negative, a single-axis cell positive: it is ``compression_sign * force_z``.
+- Time restarts at zero in every block; ``start_time`` is a local wall clock without a zone.
+- The declared frequency and amplitude are commands, not the motion of the stage: fit them.
 """
 
 import json
