@@ -73,21 +73,13 @@ def identify(path: str | os.PathLike[str], *, fps: float | None = None) -> str:
 
     Parameters
     ----------
-    path : path-like
-        The file or folder.
-    fps : float, optional [1/s]
-        Frame rate, where it is stated: a folder of JPEG images is a film to whoever gives one, else photographs.
+    path, fps : path-like, float [1/s]
+        The file or folder; a frame rate, with which a folder of JPEG images is a film, else photographs.
 
     Returns
     -------
     str
-        The name of one of :func:`known`.
-
-    Raises
-    ------
-    SourceError
-        The file cannot be opened, or no instrument recognises it.
-
+        The name of one of :func:`known`; SourceError where none recognises it.
     """
     return _identify(Path(path), fps).name
 
@@ -217,19 +209,12 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
 
     Parameters
     ----------
-    path : path-like
-        The file.
-    content : str
-        Content of the table, one of :data:`CONTENTS`.
+    path, content : path-like, str
+        The file; content of the table, one of :data:`CONTENTS`.
     usual : str
         The instrument whose reader names the fault of a file that none recognises, or that holds something else.
     **options
-        As of :func:`read`; None leaves the default of the reader.
-
-    Raises
-    ------
-    SourceError, UsageError, InputError
-        As of :func:`read`; or the file holds a film.
+        As of :func:`read`, whose errors are raised; None leaves the default. InputError where the file holds a film.
     """
     import xarray as xr
 

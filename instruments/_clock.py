@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-_DATES = ("%Y/%m/%d", "%Y-%m-%d", "%d.%m.%Y")
+_DATES = ("%Y/%m/%d", "%Y-%m-%d", "%d.%m.%Y", "%a, %b %d, %Y", "%b %d, %Y")
 _CLOCKS = ("", " %H:%M:%S", " %H:%M:%S.%f", "T%H:%M:%S", "T%H:%M:%S.%f", " %H:%M")
 
 

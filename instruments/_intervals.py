@@ -57,10 +57,8 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
     ----------
     intervals : sequence of Interval
         In the order of the file. A column that has several units, or is text in one, is left out with a warning.
-    path : path, optional
-        The file that they are from.
-    **attrs
-        Further attributes of the Dataset.
+    path, **attrs
+        The file that they are from; further attributes of the Dataset.
     """
     counts = [interval.point.size for interval in intervals]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)

@@ -8,10 +8,10 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from instruments._headings import Heading, facts, parsed
 from instruments._layout import ABSENT, TAB, WAYS, Block, Lines, cells, fill, is_numeric, is_row
@@ -29,8 +29,7 @@ _ABOVE = 200  # lines of a header in which units are looked for
 _EXAMPLE = 'columns = { time = "Time (s)", displacement = "Position (m)" }'
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
+class Chosen(NamedTuple):
     """One column: the quantity, its heading or number from 1, and a unit that is stated with it."""
 
     name: str
@@ -176,7 +175,7 @@ def _with_unit(path: Path, each: Chosen, heading: Heading, line: int, in_header:
         example = f'{each.name} = {{ column = {column}, unit = "{_USUAL.get(si[0], si[0])}" }}'
         text, hint = f"the unit of {shown} is not stated", f"State it with the column: {example}."
         raise SourceError(path, text, line=at, hint=hint).because(UNSAID)
-    if unit and (not is_unit(unit) or unit_of(unit).si not in si):
+    if unit and not is_unit(unit, each.name):
         spelled = " or ".join(one for one in si if one != "degF")
         text = f"{shown} is in {shorten(unit)}, expected a unit of {spelled} for {each.name}"
         raise SourceError(path, text, line=at, hint="Name another column, or correct its unit.")

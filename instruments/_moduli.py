@@ -1,8 +1,7 @@
 """Storage and loss modulus, from whichever two quantities a table gives.
 
-Exact relations of the complex modulus E* = E′ + i E″ = |E*| exp(iδ), its inverse the complex
-compliance D* = D′ − i D″, and the complex viscosity η* = η′ − i η″ = G*/(iω) (J. D. Ferry,
-Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
+Relations of the complex modulus E* = E′ + i E″ = |E*| exp(iδ), its inverse the complex compliance D* = D′ − i D″, and
+the complex viscosity η* = η′ − i η″ = G*/(iω) (J. D. Ferry, Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
 from collections.abc import Callable, Mapping

@@ -1,9 +1,7 @@
 """Quantities that instruments tabulate: canonical names, SI units, and how exports spell them.
 
-A spelling is compared folded (:func:`fold`): primes the same, without accents, blanks and punctuation, a lone
-letter with its case, which separates temperature ``T`` from time ``t``. The words are those of RheoCompass and
-RheoPlus, TRIOS and Universal Analysis, Proteus, RheoWin and RepTate in English, German, French, Spanish,
-Italian, Portuguese, Japanese and Chinese, and the usual symbols; they are data, in ``vocabulary.toml``.
+A spelling is compared folded (:func:`fold`): primes the same, without accents, blanks and punctuation, a lone letter
+with its case, which separates temperature ``T`` from time ``t``. The words of all programs are in ``vocabulary.toml``.
 """
 
 import re
@@ -54,15 +52,7 @@ _NAME_OF = {fold(word): name for name, known in WORDS["quantities"].items() for 
 
 @lru_cache(4096)
 def quantity(heading: str) -> str | None:
-    """Return the canonical name of a quantity, None of another heading.
-
-    A symbol may accompany its word: ``Storage modulus (G')``, ``E' storage modulus``.
-
-    Examples
-    --------
-    >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
-    ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
-    """
+    """Return the canonical name of a quantity, perhaps with its symbol, ``Storage modulus (G')``; None of others."""
     words = re.split(r"[\s,;:(\[-]+", heading.strip(" )]"))
     parts = ({_NAME_OF.get(fold(" ".join(part))) for part in (words[:k], words[k:])} for k in range(1, len(words)))
     twice = (found.pop() for found in parts if len(found) == 1)

@@ -11,7 +11,7 @@ from labpipe import files
 from labpipe.errors import InputError
 
 
-def encode(intervals: Sequence[Interval], project: str = "", digits: int | None = None) -> bytes:
+def encode(intervals: Sequence[Interval], project: str = "") -> bytes:
     """Return the bytes of an export: UTF-16, little-endian, with its mark.
 
     Parameters
@@ -20,8 +20,6 @@ def encode(intervals: Sequence[Interval], project: str = "", digits: int | None 
         Those of one test, and of one result in it, one behind the other. InputError where a text holds a TAB.
     project : str
         First line of the export.
-    digits : int, optional
-        Significant digits; by default as many as the number has.
     """
     rows, before = [["Project:", project], [""]], ("", "")
     for interval in intervals:
@@ -41,8 +39,7 @@ def encode(intervals: Sequence[Interval], project: str = "", digits: int | None 
             if isinstance(column.values, list):
                 written.append(column.values)
                 continue
-            shown = (np.asarray(column.values) / unit_of(column.unit).factor).tolist()
-            texts = (repr(value) if digits is None else f"{value:.{digits}g}" for value in shown)
+            texts = map(repr, (np.asarray(column.values) / unit_of(column.unit).factor).tolist())
             written.append(["" if text == "nan" else text.replace("e", "E") for text in texts])
         rows += [*(["", *row] for row in zip(numbers, *written, strict=True)), [""]]
         before = place
@@ -52,8 +49,6 @@ def encode(intervals: Sequence[Interval], project: str = "", digits: int | None 
     return b"\xff\xfe" + text.encode("utf-16-le")
 
 
-def write(
-    path: str | os.PathLike[str], intervals: Sequence[Interval], project: str = "", digits: int | None = None
-) -> None:
+def write(path: str | os.PathLike[str], intervals: Sequence[Interval], project: str = "") -> None:
     """Write an export as the software does; see :func:`encode`. StorageError where the file cannot be written."""
-    files.write_bytes(path, encode(intervals, project, digits))
+    files.write_bytes(path, encode(intervals, project))

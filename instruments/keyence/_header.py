@@ -1,8 +1,7 @@
 """The header of a Keyence storage file: its settings, the columns below it, and the first row of readings.
 
 No storage file of LK-Navigator is public, so the layout is assumed. Settings that the header does not hold (sampling
-cycle, units) are asked for, never guessed. Only outputs and the counter are read as numbers; columns of judgements and
-empty ones are left out, and a column of times stays text, as its decimals say how exact it is.
+cycle, units) are asked for, never guessed. Columns of judgements and empty ones are left out.
 """
 
 import re
@@ -40,10 +39,9 @@ _SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor
 class Header:
     """Lines above the readings, and the columns below them.
 
-    ``lines``: unchanged; ``entries``: meaning of a label to (line number, cells of its value, unit inside the label);
-    ``outputs``: numbers of the outputs in the order of their columns; ``has_counter``: the first column that is read
-    counts the points; ``units``: one per output, or fewer; ``n_cells`` of a row, of which the indices ``kept`` are
-    read; ``times``: index of the column of times or None.
+    ``entries``: meaning of a label to (line number, cells of its value, unit inside the label); ``outputs``: numbers of
+    the outputs in their order; ``has_counter``: the first column that is read counts the points; ``units``: one per
+    output, or fewer; ``n_cells`` of a row, of which the indices ``kept`` are read; ``times``: index of such a column.
     """
 
     path: Path

@@ -46,6 +46,8 @@ def read(
 ) -> xr.Dataset:
     """Read sweeps, responses over time or shift factors from a table, or the columns of any table that are named.
 
+    SourceError names file, line and column of a fault. Warns of columns, rows or tables that nothing is made of.
+
     Parameters
     ----------
     path : path-like
@@ -70,16 +72,6 @@ def read(
         Of responses ``time`` [s] and ``relaxation_modulus`` [Pa] or ``creep_compliance`` [1/Pa]; of shifts
         ``temperature`` and ``log10_aT``. Of a named displacement as :func:`instruments.keyence.read`, of position and
         force (compression positive) as :func:`instruments.mach1.read`.
-
-    Raises
-    ------
-    SourceError
-        With file, line and column of the fault.
-
-    Warns
-    -----
-    UserWarning
-        Columns, rows or tables that nothing is made of are left out; a last line has no end.
     """
     check_decimal(decimal)
     notes, named = Notes(Path(path)), None if columns is None else chosen(columns)
@@ -175,10 +167,8 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
 def _trace(notes: Notes, block: Block, signs: Separators, cycle: Measure | None, step: float | None) -> xr.Dataset:
     """Convert named columns to the form of a displacement sensor, or of a mechanical tester.
 
-    ``step`` [s] between the rows is that of the file's header, where it states one.
-
-    SourceError where a cell is no number, the times are missing, go back or do not lie evenly, or contradict the
-    cycle.
+    ``step`` [s] between the rows is that of the file's header. SourceError for times that are missing, go back, do not
+    lie evenly or contradict the cycle.
     """
     names = [heading.name for heading in block.headings]
     factors = [unit_of(heading.unit).factor for heading in block.headings]
@@ -251,10 +241,7 @@ def _force(notes: Notes, columns: dict[str, Floats], lines: list[int]) -> xr.Dat
 
 
 def _even_interval(path: Path, time: Floats, resolution: float, lines: Sequence[int]) -> float:
-    """Return the interval [s] of times that lie evenly, each within its last decimal.
-
-    SourceError where they do not, or one is missing.
-    """
+    """Return the interval [s] of times that lie evenly, each within its last decimal; SourceError for others."""
     steps = np.diff(time)
     interval = float((time[-1] - time[0]) / steps.size) if steps.size else 0.0
     off = np.abs(time - time[0] - interval * np.arange(time.size))
