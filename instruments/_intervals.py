@@ -112,8 +112,7 @@ def _completed(dataset: xr.Dataset) -> xr.Dataset:
             storage, loss = dataset["storage_modulus"].values, dataset["loss_modulus"].values
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = loss / storage
-            is_real = (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE))
-            fresh = np.where(clipped & is_real, ratio, fresh)
+            fresh = np.where(clipped & (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE)), ratio, fresh)
         marked = variable(_SAMPLE, clipped.astype(np.int8), "1", "1 where the file's loss factor is clipped at 20000")
         dataset = dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
     names = {"frequency": ("Hz", "Frequency"), "angular_frequency": ("rad/s", "Angular Frequency")}

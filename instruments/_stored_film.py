@@ -10,8 +10,7 @@ from labpipe.binary import Window
 from labpipe.errors import InputError
 from labpipe.frames import ShownFrames
 
-#: Pixels and bytes of one group of pixels that are packed without gaps, by their bits.
-PACKED_GROUPS = {10: (4, 5), 12: (2, 3)}
+PACKED_GROUPS = {10: (4, 5), 12: (2, 3)}  # bits to pixels and bytes of one group that is packed without gaps
 
 
 class StoredFrames(ShownFrames):

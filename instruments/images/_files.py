@@ -30,8 +30,7 @@ from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 from labpipe.text import first_bytes
 
 Channel = Literal["red", "green", "blue"]
-CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")
-"""In the order in which OpenCV decodes them."""
+CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")  # in the order in which OpenCV decodes them
 SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
 ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
 _NUMBER = re.compile(r"[-+]?\d+")
@@ -237,8 +236,7 @@ def _numbers(paths: Sequence[Path]) -> list[int]:
 
     Times of a clock do not. A minus may be a hyphen where no name has a plus.
     """
-    has_plus = any(re.search(r"\+\d", path.stem) for path in paths)
-    number = _NUMBER if has_plus else re.compile(r"(?:(?<![^\W_])-)?\d+")
+    number = _NUMBER if any(re.search(r"\+\d", path.stem) for path in paths) else re.compile(r"(?:(?<![^\W_])-)?\d+")
     rows = [[int(text) for text in number.findall(path.stem)] for path in paths]
     if bare := next((path for path, row in zip(paths, rows, strict=True) if not row), None):
         text = "the image has no number in its name, so its place in the film is unknown"

@@ -218,8 +218,7 @@ def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
     """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
     for index, line in enumerate(lines):
         for delimiter in ("\t", ";", ","):
-            cells = split_cells(line, delimiter)
-            filled = trimmed(cells)
+            filled = trimmed(split_cells(line, delimiter))
             others = [cell for cell in filled if not _is_reading(cell)]
             is_row = len(others) < len(filled) and all(CLOCK.fullmatch(c) or _JUDGEMENT.fullmatch(c) for c in others)
             if delimiter in line and is_row:

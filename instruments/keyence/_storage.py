@@ -102,8 +102,7 @@ def read(
     if storage_factor is not None and (not isinstance(storage_factor, int) or storage_factor < 1):
         raise InputError(f"storage_factor must be a whole number from 1, found {storage_factor!r}")
     asked = f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle
-    codecs = (encoding,) if encoding else _CODECS
-    source, header, unit_texts = _open(Path(path), codecs, units)
+    source, header, unit_texts = _open(Path(path), (encoding,) if encoding else _CODECS, units)
     if header.times is not None:
         stated = None
         if asked is not None or {"cycle", "storage"} <= header.entries.keys():

@@ -21,8 +21,7 @@ from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning
 
-#: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
-_FAULT_AROUND = 64 * 2**10
+_FAULT_AROUND = 64 * 2**10  # bytes that the system maps when one of them is looked at (Linux: 16 pages)
 _LEAST_ANNOTATION = 8  # bytes before the pixels of a frame
 _P10_BLACK, _P10_WHITE = 64, 1014  # companded levels of black and white
 _LINEAR_BLACK, _LINEAR_WHITE = 64, 4064  # the 12-bit linear levels for them
