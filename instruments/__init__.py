@@ -95,9 +95,14 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
         try:
             if plugin.found is not None and plugin.found.sniff(head, path):
                 return plugin.found
-        except Exception as error:  # somebody else's code may raise anything
-            tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
+        except Exception as error:  # somebody else's code may raise anything; it is reported once
+            if plugin.name not in _FAILED:
+                _FAILED.add(plugin.name)
+                tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
     raise _unknown(path, head)
+
+
+_FAILED: set[str] = set()
 
 
 def _unknown(path: Path, head: bytes) -> SourceError:

@@ -16,8 +16,7 @@ from labpipe.errors import warn_of
 from labpipe.variables import variable
 
 DEVICE = "Anton Paar rheometer"
-#: The loss factor that RheoCompass writes when it has none.
-CLIPPED = 20000.0
+CLIPPED = 20000.0  # the loss factor that RheoCompass writes when it has none
 _CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
 
 _SAMPLE = ("sample",)

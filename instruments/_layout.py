@@ -15,9 +15,8 @@ from instruments._quantities import OTHERS, is_begin, is_unit
 from labpipe.errors import InputError, SourceError
 from labpipe.text import DOT, Separators, separators
 
-#: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
-WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)
+WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)  # to part a line, in the order in which they are tried
 _OF_ROWS = (TAB, SEMICOLON, COMMA, BLANKS)
 
 #: Marks of a cell without a reading.

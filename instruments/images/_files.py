@@ -43,11 +43,10 @@ _ENDS = {"PNG": b"\x00\x00\x00\x00IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "BMP": b
 _COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # of TIFF: none, LZW, JPEG, deflate by two numbers, PackBits
 _COPY = "It is damaged: copy it from the camera again."
 _EXPORT = "Export the film as grey TIFF without compression, or as PNG images."
-_UNREADABLE = (
+_UNREADABLE = (  # errors of Pillow and tifffile over a damaged file
     OSError, ValueError, TypeError, SyntaxError, EOFError, IndexError, struct.error, Image.DecompressionBombError,
     tifffile.TiffFileError, MemoryError,
 )  # fmt: skip
-"""Errors of Pillow and tifffile over a damaged file."""
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # damage is reported once, by an error or a warning of ours
 
 

@@ -41,8 +41,7 @@ MARKERS: tuple[tuple[str, Status], ...] = (
 )
 _ANY = re.compile("|".join(f"(?:{pattern})" for pattern, _ in MARKERS), re.IGNORECASE)
 
-#: All nines in the five digits of the IL series; over range only where a column has this layout.
-_IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")
+_IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")  # of the IL series, where a column has this layout
 
 #: Markers that also read as numbers, and numbers of all nines; rows that hold one are looked at cell by cell.
 NUMERIC_MARKER = re.compile(r"[+-](?:1048576|100000000|0?9[9.,]*8?)(?![\d.])")

@@ -29,8 +29,7 @@ from labpipe.variables import variable
 DEVICE = "Biomomentum Mach-1"
 
 
-#: Compression times this sign is the force of the file, by the type of load cell.
-COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
+COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}  # times compression is the force of the file
 
 
 def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_incomplete: bool = False) -> xr.Dataset:
