@@ -11,15 +11,15 @@ from labpipe import files
 from labpipe.errors import InputError
 
 
-def encode(intervals: Sequence[Interval], project: str = "") -> bytes:
+def encode(intervals: Sequence[Interval], project: str = "", digits: int | None = None) -> bytes:
     """Return the bytes of an export: UTF-16, little-endian, with its mark.
 
     Parameters
     ----------
     intervals : sequence of Interval
         Those of one test, and of one result in it, one behind the other. InputError where a text holds a TAB.
-    project : str
-        First line of the export.
+    project, digits : str, int, optional
+        First line of the export; significant digits, by default as many as the number has.
     """
     rows, before = [["Project:", project], [""]], ("", "")
     for interval in intervals:
@@ -39,7 +39,8 @@ def encode(intervals: Sequence[Interval], project: str = "") -> bytes:
             if isinstance(column.values, list):
                 written.append(column.values)
                 continue
-            texts = map(repr, (np.asarray(column.values) / unit_of(column.unit).factor).tolist())
+            shown = (np.asarray(column.values) / unit_of(column.unit).factor).tolist()
+            texts = (repr(value) if digits is None else f"{value:.{digits}g}" for value in shown)
             written.append(["" if text == "nan" else text.replace("e", "E") for text in texts])
         rows += [*(["", *row] for row in zip(numbers, *written, strict=True)), [""]]
         before = place
@@ -49,6 +50,8 @@ def encode(intervals: Sequence[Interval], project: str = "") -> bytes:
     return b"\xff\xfe" + text.encode("utf-16-le")
 
 
-def write(path: str | os.PathLike[str], intervals: Sequence[Interval], project: str = "") -> None:
+def write(
+    path: str | os.PathLike[str], intervals: Sequence[Interval], project: str = "", digits: int | None = None
+) -> None:
     """Write an export as the software does; see :func:`encode`. StorageError where the file cannot be written."""
-    files.write_bytes(path, encode(intervals, project))
+    files.write_bytes(path, encode(intervals, project, digits))

@@ -278,7 +278,8 @@ def _units_below(
             continue
         if units or len(cells) <= max(of_outputs) or not all(_is_displayed(cells[k]) for k in of_outputs):
             wrong = next((i for i, cell in enumerate(cells) if not _is_reading(cell)), 0)
-            text, at = f"found {shorten(cells[wrong])}, expected the first row", column_of(line, delimiter, wrong)
+            at = column_of(line, delimiter, wrong)
+            text = f"found {shorten(cells[wrong])}, expected the first row of readings"
             hint = "A cell of the row is no number and no known marker; export the file again."
             raise SourceError(path, text, line=index + 1, column=at, hint=hint)
         units = tuple(cells[k] for k in of_outputs)

@@ -298,7 +298,7 @@ def _numbers(header: Header, values: Floats, allow_incomplete: bool) -> NDArray[
     row = int(back[0] if back.size else wrong[0]) + 1 if wrong.size else 0
     before = int(counter[row - 1]) if row else 0
     said = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
-    hint = "Rows are missing, repeated or moved: export the file again. Where they are only missing, "
-    hint += "allow_incomplete=True reads the rest at its right times."
+    hint = "Rows are missing, repeated or moved: export the file again, or sort them by their number. Where rows are "
+    hint += "only missing, allow_incomplete=True reads the rest at its right times."
     text = f"the counter says {said}, expected {before + 1}"
     raise SourceError(path, text, line=first_line + row, column=1, hint=hint)

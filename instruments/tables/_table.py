@@ -27,7 +27,6 @@ from labpipe.text import DOT, Separators, check_decimal
 from labpipe.units import Measure, si as in_si
 from labpipe.variables import variable
 
-DEVICE = "plain table of a dynamic mechanical analysis"
 _HEADER = 100  # lines in which a file states how it is written
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
@@ -125,8 +124,8 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
             text = "the last line has no line end and fewer cells than the others; it is cut"
             hint = "Complete the line, or drop it with allow_incomplete=True."
             raise SourceError(path, text, line=open_line, hint=hint)
-        text = "the last line has no line end; it is kept, as no cell is missing; if the file was cut, its end is wrong"
-        notes.add(text, open_line)
+        text = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
+        notes.add(text + "number is wrong", open_line)
     lacking = [missing(block.names()) for block in tables]
     whole = [block for block, text in zip(tables, lacking, strict=True) if not text]
     if not whole:
@@ -153,14 +152,8 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
     if is_cut:
         notes.add(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
     work = {"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}
-    facts = {
-        "instrument": DEVICE,
-        "layout": "plain table",
-        "encoding": encoding,
-        "header": "",
-        "work": json.dumps(work),
-    }
-    facts |= {"delimiter": whole[0].separator, "decimal": signs.decimal}
+    facts = {"instrument": "plain table of a dynamic mechanical analysis", "layout": "plain table", "header": ""}
+    facts |= {"encoding": encoding, "delimiter": whole[0].separator, "decimal": signs.decimal, "work": json.dumps(work)}
     return assemble(made, path, **facts, **({"incomplete": 1} if is_cut else {}))
 
 
