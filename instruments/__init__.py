@@ -73,21 +73,13 @@ def identify(path: str | os.PathLike[str], *, fps: float | None = None) -> str:
 
     Parameters
     ----------
-    path : path-like
-        The file or folder.
-    fps : float, optional [1/s]
-        Frame rate, where it is stated: a folder of JPEG images is a film to whoever gives one, else photographs.
+    path, fps : path-like, float [1/s]
+        The file or folder; a frame rate, with which a folder of JPEG images is a film, else photographs.
 
     Returns
     -------
     str
-        The name of one of :func:`known`.
-
-    Raises
-    ------
-    SourceError
-        The file cannot be opened, or no instrument recognises it.
-
+        The name of one of :func:`known`; SourceError where none recognises it.
     """
     return _identify(Path(path), fps).name
 
@@ -103,9 +95,14 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
         try:
             if plugin.found is not None and plugin.found.sniff(head, path):
                 return plugin.found
-        except Exception as error:  # somebody else's code may raise anything
-            tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
+        except Exception as error:  # somebody else's code may raise anything; it is reported once
+            if plugin.name not in _FAILED:
+                _FAILED.add(plugin.name)
+                tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
     raise _unknown(path, head)
+
+
+_FAILED: set[str] = set()
 
 
 def _unknown(path: Path, head: bytes) -> SourceError:
@@ -172,8 +169,8 @@ def read(
     instrument : str, optional
         The name of one of :func:`known`; by default the content of the file decides.
     **options
-        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; its ``Options`` list
-        them. With ``columns`` any table is read whose columns they name (:func:`instruments.tables.read`).
+        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; its ``Options`` list them. With
+        ``columns`` any table is read whose columns they name (:func:`instruments.tables.read`).
 
     Returns
     -------
@@ -182,10 +179,8 @@ def read(
 
     Raises
     ------
-    SourceError
-        The file is not known, is damaged, or changes while it is read.
-    UsageError
-        There is no such instrument, or it has no such option.
+    SourceError, UsageError
+        The file is not known, is damaged, or changes while it is read; there is no such instrument or option.
 
     Examples
     --------
@@ -219,19 +214,12 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
 
     Parameters
     ----------
-    path : path-like
-        The file.
-    content : str
-        Content of the table, one of :data:`CONTENTS`.
+    path, content : path-like, str
+        The file; content of the table, one of :data:`CONTENTS`.
     usual : str
         The instrument whose reader names the fault of a file that none recognises, or that holds something else.
     **options
-        As of :func:`read`; None leaves the default of the reader.
-
-    Raises
-    ------
-    SourceError, UsageError, InputError
-        As of :func:`read`; or the file holds a film.
+        As of :func:`read`, whose errors are raised; None leaves the default. InputError where the file holds a film.
     """
     import xarray as xr
 

@@ -35,11 +35,9 @@ _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a Rep
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """The heading of a column.
+    """The heading of a column: its text, and name, canonical or made of the text; ``unit`` as written, or "".
 
-    ``name`` is canonical, or made of the heading where it is not known; ``unit`` as written, "" if it is not there.
-    ``is_logarithm`` of a decimal logarithm. ``at`` is the place that a column belongs to, such as ``(1.0, "Hz")`` of
-    ``E'(1.000 Hz)``.
+    ``at`` is the place that a column belongs to, such as ``(1.0, "Hz")`` of ``E'(1.000 Hz)``.
     """
 
     text: str
@@ -65,20 +63,13 @@ class Heading:
 
 @lru_cache(4096)
 def parsed(heading: str) -> Heading:
-    """Part a heading into quantity, unit, and the place that it belongs to.
-
-    Examples
-    --------
-    >>> parsed("E' (MPa)").name, parsed("freq_hz").unit, parsed("E'(1.000 Hz)/MPa").at
-    ('storage_modulus', 'hz', (1.0, 'Hz'))
-    """
+    """Part a heading into quantity, unit, and the place that it belongs to."""
     written = unicodedata.normalize("NFKC", repaired(heading.strip().strip("\ufeff"))).replace("\u2212", "-")
     text = _OF_SEVERAL.sub("", _COMMENT.sub("", written).strip())
     place = _PLACE.search(text)
     if place is not None:
         bare = re.sub(r"[(\[@]\s*[)\]]?\s*(?=$|[\s/,_(\[])|\bat\s*$", "", text[: place.start()] + text[place.end() :])
-        bare = re.sub(r"\(\s*\)|@\s*(?=\(|$)", "", bare).replace("__", "_").strip(" _@")
-        inner = _known(bare)
+        inner = _known(re.sub(r"\(\s*\)|@\s*(?=\(|$)", "", bare).replace("__", "_").strip(" _@"))
         if inner is not None:
             value, unit = stated_place(place)
             return replace(inner, text=heading.strip(), at=(value, unit))

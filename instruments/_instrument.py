@@ -45,10 +45,8 @@ class Instrument:
 
     Parameters
     ----------
-    name : str
-        By which it is called in Python, JSON and on the command line.
-    title : str
-        Its files in a message, for example ``"Keyence storage file"``.
+    name, title : str
+        By which it is called in Python, JSON and on the command line; its files in a message.
     content : str
         Content of its files: one of :data:`CONTENTS`.
     sniff : callable

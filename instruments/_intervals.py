@@ -16,8 +16,7 @@ from labpipe.errors import warn_of
 from labpipe.variables import variable
 
 DEVICE = "Anton Paar rheometer"
-#: The loss factor that RheoCompass writes when it has none.
-CLIPPED = 20000.0
+CLIPPED = 20000.0  # the loss factor that RheoCompass writes when it has none
 _CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
 
 _SAMPLE = ("sample",)
@@ -57,10 +56,8 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
     ----------
     intervals : sequence of Interval
         In the order of the file. A column that has several units, or is text in one, is left out with a warning.
-    path : path, optional
-        The file that they are from.
-    **attrs
-        Further attributes of the Dataset.
+    path, **attrs
+        The file that they are from; further attributes of the Dataset.
     """
     counts = [interval.point.size for interval in intervals]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -114,8 +111,7 @@ def _completed(dataset: xr.Dataset) -> xr.Dataset:
             storage, loss = dataset["storage_modulus"].values, dataset["loss_modulus"].values
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = loss / storage
-            is_real = (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE))
-            fresh = np.where(clipped & is_real, ratio, fresh)
+            fresh = np.where(clipped & (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE)), ratio, fresh)
         marked = variable(_SAMPLE, clipped.astype(np.int8), "1", "1 where the file's loss factor is clipped at 20000")
         dataset = dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
     names = {"frequency": ("Hz", "Frequency"), "angular_frequency": ("rad/s", "Angular Frequency")}

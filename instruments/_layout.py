@@ -1,8 +1,7 @@
 """The layout of a text with tables: headings, a row of units, rows of numbers, and the lines above them.
 
-A file may hold one table or many (the steps of a procedure), after any number of lines about specimen and procedure.
-A table begins at the line that names at least two quantities of a dynamic mechanical analysis and has rows of numbers
-below it; TABs separate its columns where there are any, else the sign that names the most of them.
+A file may hold many tables, each after any number of lines about specimen and procedure. A table begins at the line
+that names at least two quantities of a dynamic mechanical analysis and has rows of numbers below it.
 """
 
 import csv
@@ -16,9 +15,8 @@ from instruments._quantities import OTHERS, is_begin, is_unit
 from labpipe.errors import InputError, SourceError
 from labpipe.text import DOT, Separators, separators
 
-#: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
-WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)
+WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)  # to part a line, in the order in which they are tried
 _OF_ROWS = (TAB, SEMICOLON, COMMA, BLANKS)
 
 #: Marks of a cell without a reading.
@@ -112,8 +110,7 @@ def headings_of(line: str) -> tuple[list[Heading], str] | None:
     if len(bare) > _LONGEST or not any(c.isalpha() for c in bare):
         return None
     best: tuple[int, list[Heading], str] | None = None
-    # At TABs alone where TABs separate.
-    for separator in (TAB,) if TAB in bare.rstrip() else (SEMICOLON, COMMA, GAPS, BLANKS):
+    for separator in (TAB,) if TAB in bare.rstrip() else WAYS[1:]:
         texts = trimmed([re.sub(r'^"(.*)"$', r"\1", cell) for cell in cells(bare, separator)])
         if len(texts) < 2 or any(is_numeric(text) or text == "=" for text in texts):
             continue  # "at 25 °C" is no a_T
@@ -121,8 +118,7 @@ def headings_of(line: str) -> tuple[list[Heading], str] | None:
         known = [heading for heading in found if heading.is_known]
         if not is_begin({heading.name for heading in known} | {h.place for h in known if h.at is not None}):
             continue
-        # A wrong sign cuts names into pieces that are not known.
-        unknown = sum(map(bool, texts)) - len(known)
+        unknown = sum(map(bool, texts)) - len(known)  # a wrong sign cuts names into unknown pieces
         if best is None or unknown < best[0]:
             best = (unknown, found, separator)
     return None if best is None else (best[1], best[2])

@@ -8,10 +8,10 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from instruments._headings import Heading, facts, parsed
 from instruments._layout import ABSENT, TAB, WAYS, Block, Lines, cells, fill, is_numeric, is_row
@@ -22,15 +22,13 @@ from labpipe.text import not_a_number, shorten
 Columns = str | Mapping[str, Any]
 
 _BRACKET = re.compile(r"[(\[{<]([^()\[\]{}<>]*)[)\]}>]")
-_UNITLESS = ("1",)
 _OF_TIME = re.compile(r"\bx|horizontal|time", re.IGNORECASE)
 _ROWS = 3  # rows of numbers, one below the other, that make a table
 _ABOVE = 200  # lines of a header in which units are looked for
 _EXAMPLE = 'columns = { time = "Time (s)", displacement = "Position (m)" }'
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
+class Chosen(NamedTuple):
     """One column: the quantity, its heading or number from 1, and a unit that is stated with it."""
 
     name: str
@@ -171,12 +169,12 @@ def _with_unit(path: Path, each: Chosen, heading: Heading, line: int, in_header:
         hint = "Correct the unit in columns, or leave it out: that of the file is taken."
         raise SourceError(path, said, line=at, hint=hint)
     si, unit = SI_OF[each.name], each.unit or in_file
-    if not unit and si != _UNITLESS:
+    if not unit and si != ("1",):
         column = _quoted(each.column if not line else heading.text)
         example = f'{each.name} = {{ column = {column}, unit = "{_USUAL.get(si[0], si[0])}" }}'
         text, hint = f"the unit of {shown} is not stated", f"State it with the column: {example}."
         raise SourceError(path, text, line=at, hint=hint).because(UNSAID)
-    if unit and (not is_unit(unit) or unit_of(unit).si not in si):
+    if unit and not is_unit(unit, each.name):
         spelled = " or ".join(one for one in si if one != "degF")
         text = f"{shown} is in {shorten(unit)}, expected a unit of {spelled} for {each.name}"
         raise SourceError(path, text, line=at, hint="Name another column, or correct its unit.")
@@ -225,7 +223,7 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
             continue
         column, si = _quoted(number if by_number else heading.text), SI_OF[name]
         has_unit = bool(unit) and is_unit(unit, name)
-        if si != _UNITLESS and (by_number or not has_unit):
+        if si != ("1",) and (by_number or not has_unit):
             unit = unit if has_unit else usual or _USUAL.get(si[0], si[0])
             column = f'{{ column = {column}, unit = "{unit}" }}'
         found[name] = column

@@ -1,8 +1,7 @@
 """Storage and loss modulus, from whichever two quantities a table gives.
 
-Exact relations of the complex modulus E* = E′ + i E″ = |E*| exp(iδ), its inverse the complex
-compliance D* = D′ − i D″, and the complex viscosity η* = η′ − i η″ = G*/(iω) (J. D. Ferry,
-Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
+Relations of the complex modulus E* = E′ + i E″ = |E*| exp(iδ), its inverse the complex compliance D* = D′ − i D″, and
+the complex viscosity η* = η′ − i η″ = G*/(iω) (J. D. Ferry, Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
 from collections.abc import Callable, Mapping
@@ -75,13 +74,7 @@ def needed(names: set[str]) -> set[str]:
 
 
 def missing(names: set[str]) -> str:
-    """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing.
-
-    Examples
-    --------
-    >>> missing({"frequency", "temperature", "storage_modulus"})
-    'loss modulus, tan δ or phase'
-    """
+    """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing."""
     is_shift_table = names & {*TEMPERATURES} and names & SHIFTS
     if is_shift_table or (names & TIMES and names & RESPONSES):
         return ""

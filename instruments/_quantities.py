@@ -1,9 +1,7 @@
 """Quantities that instruments tabulate: canonical names, SI units, and how exports spell them.
 
-A spelling is compared folded (:func:`fold`): primes the same, without accents, blanks and punctuation, a lone
-letter with its case, which separates temperature ``T`` from time ``t``. The words are those of RheoCompass and
-RheoPlus, TRIOS and Universal Analysis, Proteus, RheoWin and RepTate in English, German, French, Spanish,
-Italian, Portuguese, Japanese and Chinese, and the usual symbols; they are data, in ``vocabulary.toml``.
+A spelling is compared folded (:func:`fold`): primes the same, without accents, blanks and punctuation, a lone letter
+with its case, which separates temperature ``T`` from time ``t``. The words of all programs are in ``vocabulary.toml``.
 """
 
 import re
@@ -41,13 +39,7 @@ _CASED = ("T", "t", "Ts", "Tr")
 
 @lru_cache(4096)
 def fold(heading: str) -> str:
-    """Reduce a heading to its spelling in the table.
-
-    Examples
-    --------
-    >>> fold("log_aT"), fold("E″"), fold("T"), fold("t"), fold("Résultat:")
-    ('logat', "e''", 'T', 't', 'resultat')
-    """
+    """Reduce a heading to its spelling in the table."""
     text = heading.strip().translate(_PRIMES).replace("\u2217", "*").replace("\u0394", "δ")
     text = re.sub(r"(?<=\w\w)'s\b", "s", text)  # Young's
     text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
@@ -60,15 +52,7 @@ _NAME_OF = {fold(word): name for name, known in WORDS["quantities"].items() for 
 
 @lru_cache(4096)
 def quantity(heading: str) -> str | None:
-    """Return the canonical name of a quantity, None of another heading.
-
-    A symbol may accompany its word: ``Storage modulus (G')``, ``E' storage modulus``.
-
-    Examples
-    --------
-    >>> quantity("E_stor"), quantity("Speichermodul"), quantity("Storage Modulus G'"), quantity("colour")
-    ('storage_modulus', 'storage_modulus', 'storage_modulus', None)
-    """
+    """Return the canonical name of a quantity, perhaps with its symbol, ``Storage modulus (G')``; None of others."""
     words = re.split(r"[\s,;:(\[-]+", heading.strip(" )]"))
     parts = ({_NAME_OF.get(fold(" ".join(part))) for part in (words[:k], words[k:])} for k in range(1, len(words)))
     twice = (found.pop() for found in parts if len(found) == 1)
@@ -98,13 +82,7 @@ _LOST = "\N{REPLACEMENT CHARACTER}"
 
 @lru_cache(4096)
 def unit_of(text: str) -> Unit:
-    """Look a unit up as exports spell it; ``µ``, ``·`` and ``°`` may have been lost. InputError for an unknown one.
-
-    Examples
-    --------
-    >>> unit_of("[mN·m]").si, unit_of("rad s^-1").si, unit_of("hz").si, unit_of("Volts").si
-    ('N m', 'rad/s', 'Hz', 'V')
-    """
+    """Look a unit up as exports spell it; ``µ``, ``·`` and ``°`` may have been lost. InputError for an unknown one."""
     name = repaired(text.strip()).strip("[](){}<>$\\ ").strip()
     if _LOST in name:  # only three signs outside ASCII occur in these units, each in a place of its own
         name = "°C" if name == f"{_LOST}C" else ("µ" + name[1:] if name.startswith(_LOST) else name)

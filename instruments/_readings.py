@@ -1,7 +1,6 @@
 """From the cells of a table to intervals of readings in SI: the columns that count, their units, and their order.
 
-Strict about the columns that a sweep, a response or a shift factor is made of, indifferent to all others. Tables with
-headings and exports of rheometers are converted alike.
+Strict about the columns that a sweep, a response or a shift factor is made of, indifferent to all others.
 """
 
 import re

@@ -10,8 +10,7 @@ from labpipe.binary import Window
 from labpipe.errors import InputError
 from labpipe.frames import ShownFrames
 
-#: Pixels and bytes of one group of pixels that are packed without gaps, by their bits.
-PACKED_GROUPS = {10: (4, 5), 12: (2, 3)}
+PACKED_GROUPS = {10: (4, 5), 12: (2, 3)}  # bits to pixels and bytes of one group that is packed without gaps
 
 
 class StoredFrames(ShownFrames):
@@ -26,10 +25,7 @@ class StoredFrames(ShownFrames):
         return self._count, len(self._rows), len(self._columns)
 
     def roi(self, rows: slice, columns: slice) -> Self:
-        """Return a view of a rectangle of this view; rows outside are not read.
-
-        InputError where the rectangle holds no pixel, or leaves rows or columns out.
-        """
+        """Return a view of a rectangle of this view; InputError where it holds no pixel, or leaves rows out."""
         view = copy.copy(self)
         view._rows, view._columns = self._rows[rows], self._columns[columns]
         if view._rows.step != 1 or view._columns.step != 1:
@@ -61,8 +57,7 @@ def unpacked(stored: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
     """Unpack pixels (row, pixel) of 10 or 12 bits from whole groups of bytes (row, byte), highest bits first."""
     pixels, size = PACKED_GROUPS[bits]
     groups = stored.reshape(len(stored), -1, size).astype(np.uint16)
-    starts = [bits * k for k in range(pixels)]
-    words = [
-        (groups[..., at // 8] << 8 | groups[..., at // 8 + 1]) >> (16 - at % 8 - bits) & 2**bits - 1 for at in starts
-    ]
+    words = []
+    for byte, bit in (divmod(bits * k, 8) for k in range(pixels)):
+        words.append((groups[..., byte] << 8 | groups[..., byte + 1]) >> (16 - bit - bits) & 2**bits - 1)
     return np.stack(words, axis=-1).reshape(len(stored), -1)

@@ -94,8 +94,7 @@ def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[s
 
     def text_of(cell: str | float | None) -> str:
         if isinstance(cell, float):  # a number in its shortest form
-            is_whole = cell.is_integer() and abs(cell) < 1e15
-            return (repr(int(cell)) if is_whole else repr(cell)).replace(".", decimal)
+            return (repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)).replace(".", decimal)
         return " ".join((cell or "").split())
 
     return [(title, [list(map(text_of, row)) for row in rows]) for title, rows in found]

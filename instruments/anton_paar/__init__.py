@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 else:
     __getattr__ = lazily(__name__)
 
-
 _INTERVAL = re.compile(
     r'^"?[^\t;,\n]{4,60}:"?[\t;,]+"?[0-9]{1,9}"?[\t;,]+"?[0-9]{1,9}"?[\t;,]*\r?$'
     r"|^\"?(?:Data Series Information|Datenreihen ?-?Information)"

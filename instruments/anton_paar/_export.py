@@ -33,7 +33,9 @@ def read(
     decimal: str | None = None,
     allow_incomplete: bool = False,
 ) -> xr.Dataset:
-    """Read an export of RheoCompass or RheoPlus.
+    """Read an export of RheoCompass or RheoPlus; SourceError names file, line and column of a fault.
+
+    Warns of fewer points than declared, a joined file and repaired words.
 
     Parameters
     ----------
@@ -55,16 +57,6 @@ def read(
         (text), … NaN where there is no reading; ``is_valid`` 0 where the instrument said so.
         Attributes: ``tests`` (JSON, one entry per interval: names, declared and found points), ``cut`` (JSON, line
         and note of tables that lack points), ``header``, ``project``, ``encoding``, ``decimal``, ``layout``, ``work``.
-
-    Raises
-    ------
-    SourceError
-        With file, line and column of the fault.
-
-    Warns
-    -----
-    UserWarning
-        Fewer points than declared, a joined file, repaired words.
     """
     check_decimal(decimal)
     notes = Notes(Path(path))

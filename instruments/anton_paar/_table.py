@@ -111,9 +111,8 @@ class Export:
                 if is_setting and (meaning or not is_plus):
                     break
                 if is_setting or (is_plus and not is_of_points and not any(map(is_numeric, found))):
-                    self.header.append(
-                        f"{found[0]}\t{' '.join(filter(None, names[1:]))}" if is_setting else " ".join(found)
-                    )
+                    rest = " ".join(filter(None, names[1:]))
+                    self.header.append(f"{found[0]}\t{rest}" if is_setting else " ".join(found))
                 else:
                     table.inset, names_at = 0 if is_of_points else 1, line
                     table.headings = [Heading(name, "") for name in names[table.inset :]]

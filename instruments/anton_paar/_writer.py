@@ -18,10 +18,8 @@ def encode(intervals: Sequence[Interval], project: str = "", digits: int | None 
     ----------
     intervals : sequence of Interval
         Those of one test, and of one result in it, one behind the other. InputError where a text holds a TAB.
-    project : str
-        First line of the export.
-    digits : int, optional
-        Significant digits; by default as many as the number has.
+    project, digits : str, int, optional
+        First line of the export; significant digits, by default as many as the number has.
     """
     rows, before = [["Project:", project], [""]], ("", "")
     for interval in intervals:

@@ -31,7 +31,7 @@ _REQUIRED = ("COORDINATE_X", "COORDINATE_Y", "DISPLACEMENT_X", "DISPLACEMENT_Y")
 
 
 def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Dataset:
-    """Read all frames of a DICe run.
+    """Read all frames of a DICe run; SourceError where fields are missing or the points differ between frames.
 
     Parameters
     ----------
@@ -46,11 +46,6 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
         ``dx``, ``dy`` [px], ``valid``, and of the further fields those that are known (``sigma``, ``rotation``,
         ``gamma``, …); coordinates ``frame`` (number in the file name), ``x``, ``y`` [px]. Points that failed, with
         SIGMA = -1, are NaN, and warned of. The attribute ``other_fields`` names the fields that were not read.
-
-    Raises
-    ------
-    SourceError
-        A field is missing, a number cannot be read, or the points differ between frames.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
@@ -62,11 +57,9 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     tables, places = [first], [header.index(name) for name in _REQUIRED[:2]]
     for _, other in numbered[1:]:
         names, table = _one(other)
-        if names != header:
-            message = f"has the fields {', '.join(names)}, but {numbered[0][1].name} has {', '.join(header)}"
-            raise SourceError(other, message)
-        if table.shape != first.shape or not np.allclose(table[:, places], first[:, places], atol=1e-3):
-            message = f"its {len(table)} points are not the {len(first)} of {numbered[0][1].name}"
+        is_alike = names == header and table.shape == first.shape
+        if not is_alike or not np.allclose(table[:, places], first[:, places], atol=1e-3):
+            message = f"its fields or its {len(table)} points are not the {len(first)} of {numbered[0][1].name}"
             raise SourceError(other, message, hint="The file may be cut off, or belong to another run.")
         tables.append(table)
     values, frames = np.stack(tables), np.array([number for number, _ in numbered])

@@ -30,8 +30,7 @@ from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 from labpipe.text import first_bytes
 
 Channel = Literal["red", "green", "blue"]
-CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")
-"""In the order in which OpenCV decodes them."""
+CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")  # in the order in which OpenCV decodes them
 SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
 ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
 _NUMBER = re.compile(r"[-+]?\d+")
@@ -44,11 +43,10 @@ _ENDS = {"PNG": b"\x00\x00\x00\x00IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "BMP": b
 _COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # of TIFF: none, LZW, JPEG, deflate by two numbers, PackBits
 _COPY = "It is damaged: copy it from the camera again."
 _EXPORT = "Export the film as grey TIFF without compression, or as PNG images."
-_UNREADABLE = (
+_UNREADABLE = (  # errors of Pillow and tifffile over a damaged file
     OSError, ValueError, TypeError, SyntaxError, EOFError, IndexError, struct.error, Image.DecompressionBombError,
     tifffile.TiffFileError, MemoryError,
 )  # fmt: skip
-"""Errors of Pillow and tifffile over a damaged file."""
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # damage is reported once, by an error or a warning of ours
 
 
@@ -73,10 +71,7 @@ class CutOffError(SourceError):
 
 
 def one_intensity(image: NDArray[Any], allowed: int, path: Path, name: str, channel: Channel | None) -> NDArray[Any]:
-    """Return the intensity of an image: of the channel, or of colours that are equal within so many levels.
-
-    SourceError where the colours differ and no channel is chosen.
-    """
+    """Return the intensity of an image, of the channel or of colours that are equal within so many levels."""
     if image.ndim == 2:
         return image
     if channel is not None:
@@ -139,17 +134,18 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
                 text = f"ImageJ states {stated} images, of which {count} are described in the file"
                 raise SourceError(path, text, hint="Save the stack as an image sequence of TIFF or PNG files.")
             for number in range(count):
-                page = film.pages[number]
-                if not isinstance(page, tifffile.TiffPage):
-                    raise SourceError(path, "a page holds no description of its image", hint=_EXPORT)
+                page: Any = film.pages[number]
                 samples, meaning, bits = page.samplesperpixel, int(page.photometric), page.bitspersample
                 is_grey, is_colour = samples == 1 and meaning in (0, 1, 3), samples in (3, 4) and meaning == 2
-                note, packing = page.tags.get(274), page.compression
+                note, packing, text = page.tags.get(274), page.compression, ""
                 if not (is_grey or is_colour) or packing not in _COMPRESSIONS:
-                    text = f"a page has {samples} samples per pixel of interpretation {meaning}, compression {packing}"
-                    raise SourceError(path, f"{text}; expected grey or RGB", hint=_EXPORT)
-                if (note is not None and note.value != 1) or (count > 1 and is_colour and bits != 8):
+                    text = (
+                        f"a page has {samples} samples per pixel of interpretation {meaning}, compression {packing}; "
+                    )
+                    text += "expected grey or RGB"
+                elif (note is not None and note.value != 1) or (count > 1 and is_colour and bits != 8):
                     text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
+                if text:
                     raise SourceError(path, text, hint=_EXPORT)
                 starts, counts = page.dataoffsets, page.databytecounts
                 is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
@@ -237,10 +233,9 @@ def folder_images(folder: Path) -> tuple[list[ImageHeader], Floats]:
 def _numbers(paths: Sequence[Path]) -> list[int]:
     """Read the places of images from their names: the last of the numbers that go up by multiples of one step.
 
-    Times of a clock are rounded and do not count. A minus may be a hyphen of words where no name has a plus.
+    Times of a clock do not. A minus may be a hyphen where no name has a plus.
     """
-    has_plus = any(re.search(r"\+\d", path.stem) for path in paths)
-    number = _NUMBER if has_plus else re.compile(r"(?:(?<![^\W_])-)?\d+")
+    number = _NUMBER if any(re.search(r"\+\d", path.stem) for path in paths) else re.compile(r"(?:(?<![^\W_])-)?\d+")
     rows = [[int(text) for text in number.findall(path.stem)] for path in paths]
     if bare := next((path for path, row in zip(paths, rows, strict=True) if not row), None):
         text = "the image has no number in its name, so its place in the film is unknown"
@@ -333,10 +328,7 @@ class ImageFiles(ExportedFrames):
         return len(bad)
 
     def fault(self, index: int) -> str:
-        """Say why an image cannot be decoded, or "".
-
-        Of a PNG that contradicts its checksums a decoder would return nothing, or other pixels than were taken.
-        """
+        """Say why an image cannot be decoded, or ""; a PNG that contradicts its checksums would give other pixels."""
         if index not in self._faults:
             header = self._headers[index]
             said = header.fault

@@ -21,7 +21,9 @@ def read(
     exposure: float | None = None,
     channel: Channel | None = None,
 ) -> ExportedFrames:
-    """Open a folder of images, a multipage TIFF, or a video.
+    """Open a folder of images, a multipage TIFF, or a video; SourceError where they are no film of grey images.
+
+    Warns of images that are missing or cut off, and of levels that are not the camera's.
 
     Parameters
     ----------
@@ -36,17 +38,6 @@ def read(
     -------
     FrameSource
         Lazy frames; the first frame has time 0.
-
-    Raises
-    ------
-    SourceError, InputError
-        There are no images, they differ in size, are in colour without a channel, or declare impossible sizes; the
-        frame rate is missing.
-
-    Warns
-    -----
-    UserWarning
-        Numbers are missing in the names of the images; images are cut off; levels are not the camera's.
     """
     path = Path(path)
     if fps is None:

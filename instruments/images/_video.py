@@ -14,8 +14,7 @@ from labpipe.arrays import Flags
 from labpipe.errors import SourceError, SourceWarning, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 
-# Of a film that was cut off the decoders print, for every image, that its end is missing; one warning says it.
-# OpenCV 5 moved the switch; 0 is silent in both.
+# One warning says that a film was cut off; OpenCV 5 moved the switch, 0 is silent in both.
 (cv2.setLogLevel if hasattr(cv2, "setLogLevel") else cv2.utils.logging.setLogLevel)(0)
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 _AHEAD = 16  # frames to which it is quicker to decode than to seek

@@ -23,15 +23,12 @@ if TYPE_CHECKING:
 else:
     __getattr__ = lazily(__name__)
 
-
 _WORDS = re.compile(
     r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)|"
     # or, of its analogue output through another recorder, the names of two columns
     r"^\W*(?:time|zeit|temps)\b[^\n,;\t]{0,12}[,;\t]\W*(?:displacement|distance|voltage|weg|spannung)\b",
     re.IGNORECASE | re.MULTILINE,
 )
-
-
 # A line of a header, or of readings: notes and papers that speak of the instrument hold neither.
 _LINE = re.compile(
     r"^[^,;\t\n]{0,40}[,;\t](?! )|^\s*[+-]?(?:[\d.,]+|F{4,}|-{4,})\s*$|^\s*[+-]?\d[\d.,]*\s+[+-]?[\dF-]", re.MULTILINE

@@ -57,7 +57,7 @@ class Acquired:
 def record(
     path: Path, setup: Setup, connect: Callable[[], Connection], duration: float, *, patience: float = 10.0
 ) -> Acquired:
-    """Record a controller into a storage file, and the real times into NAME.times.csv.
+    """Record a controller into a storage file, and the real times into NAME.times.csv; UsageError where one exists.
 
     Parameters
     ----------
@@ -65,12 +65,7 @@ def record(
     connect : callable
         Opens a connection; called again after each error.
     duration, patience : float [s]
-        Of the recording; longest silence of the controller.
-
-    Raises
-    ------
-    UsageError, SourceError
-        A file of that name exists; the controller is silent, and the readings until then are in the file.
+        Of the recording; longest silence, after which SourceError is raised and the readings until then are kept.
     """
     done = Acquired(path, path.with_suffix(".times.csv"))
     if existing := next((p for p in (done.path, done.times) if p.exists()), None):

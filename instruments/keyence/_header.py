@@ -1,8 +1,7 @@
 """The header of a Keyence storage file: its settings, the columns below it, and the first row of readings.
 
 No storage file of LK-Navigator is public, so the layout is assumed. Settings that the header does not hold (sampling
-cycle, units) are asked for, never guessed. Only outputs and the counter are read as numbers; columns of judgements and
-empty ones are left out, and a column of times stays text, as its decimals say how exact it is.
+cycle, units) are asked for, never guessed. Columns of judgements and empty ones are left out.
 """
 
 import re
@@ -40,10 +39,9 @@ _SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor
 class Header:
     """Lines above the readings, and the columns below them.
 
-    ``lines``: unchanged; ``entries``: meaning of a label to (line number, cells of its value, unit inside the label);
-    ``outputs``: numbers of the outputs in the order of their columns; ``has_counter``: the first column that is read
-    counts the points; ``units``: one per output, or fewer; ``n_cells`` of a row, of which the indices ``kept`` are
-    read; ``times``: index of the column of times or None.
+    ``entries``: meaning of a label to (line number, cells of its value, unit inside the label); ``outputs``: numbers of
+    the outputs in their order; ``has_counter``: the first column that is read counts the points; ``units``: one per
+    output, or fewer; ``n_cells`` of a row, of which the indices ``kept`` are read; ``times``: index of such a column.
     """
 
     path: Path
@@ -220,8 +218,7 @@ def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
     """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
     for index, line in enumerate(lines):
         for delimiter in ("\t", ";", ","):
-            cells = split_cells(line, delimiter)
-            filled = trimmed(cells)
+            filled = trimmed(split_cells(line, delimiter))
             others = [cell for cell in filled if not _is_reading(cell)]
             is_row = len(others) < len(filled) and all(CLOCK.fullmatch(c) or _JUDGEMENT.fullmatch(c) for c in others)
             if delimiter in line and is_row:
@@ -281,7 +278,8 @@ def _units_below(
             continue
         if units or len(cells) <= max(of_outputs) or not all(_is_displayed(cells[k]) for k in of_outputs):
             wrong = next((i for i, cell in enumerate(cells) if not _is_reading(cell)), 0)
-            text, at = f"found {shorten(cells[wrong])}, expected the first row", column_of(line, delimiter, wrong)
+            at = column_of(line, delimiter, wrong)
+            text = f"found {shorten(cells[wrong])}, expected the first row of readings"
             hint = "A cell of the row is no number and no known marker; export the file again."
             raise SourceError(path, text, line=index + 1, column=at, hint=hint)
         units = tuple(cells[k] for k in of_outputs)

@@ -1,8 +1,7 @@
 """Markers that Keyence sensors write for missing readings, and the layout of numbers.
 
-The names of the states are those of Keyence's own library (LKIF2): VALID, RANGEOVER_P,
-RANGEOVER_N, WAITING, ALARM, INVALID; SUSPECT is ours, for tokens whose meaning is not documented.
-A marker becomes NaN and its state, never a number.
+The names of the states are those of Keyence's own library (LKIF2); SUSPECT is ours, for tokens whose meaning is not
+documented. A marker becomes NaN and its state, never a number.
 """
 
 import re
@@ -42,8 +41,7 @@ MARKERS: tuple[tuple[str, Status], ...] = (
 )
 _ANY = re.compile("|".join(f"(?:{pattern})" for pattern, _ in MARKERS), re.IGNORECASE)
 
-#: All nines in the five digits of the IL series; over range only where a column has this layout.
-_IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")
+_IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")  # of the IL series, where a column has this layout
 
 #: Markers that also read as numbers, and numbers of all nines; rows that hold one are looked at cell by cell.
 NUMERIC_MARKER = re.compile(r"[+-](?:1048576|100000000|0?9[9.,]*8?)(?![\d.])")
@@ -70,13 +68,6 @@ def marker_status(cell: str, column: Layout | None = None) -> Status | None:
 
     ``column`` is the layout of the column when it is fixed: all nines are a legal number there unless they are the
     largest that it can show.
-
-    Examples
-    --------
-    >>> marker_status("-FFFFFFF").name, marker_status("+00.1234")
-    ('RANGEOVER_N', None)
-    >>> marker_status("+99.9999", column=Layout(True, 2, 4)).name
-    'RANGEOVER_P'
     """
     cell = cell.strip()
     if _ANY.fullmatch(cell):

@@ -72,7 +72,7 @@ def read(
     decimal: str | None = None,
     allow_incomplete: bool = False,
 ) -> xr.Dataset:
-    """Read a Keyence storage file.
+    """Read a Keyence storage file; SourceError names file, line and column of a fault, or the option that is needed.
 
     Parameters
     ----------
@@ -97,18 +97,12 @@ def read(
         ``status1``, … (:class:`Status`). Attributes: ``sampling_interval`` [s] between stored points,
         ``sampling_cycle`` [s], ``storage_factor``, ``averaging`` when stated, ``header``, ``start``, ``encoding``,
         ``layout``, ``status_counts`` (JSON).
-
-    Raises
-    ------
-    SourceError
-        With file, line and column of the fault, or with the option that is needed.
     """
     check_decimal(decimal)
     if storage_factor is not None and (not isinstance(storage_factor, int) or storage_factor < 1):
         raise InputError(f"storage_factor must be a whole number from 1, found {storage_factor!r}")
     asked = f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle
-    codecs = (encoding,) if encoding else _CODECS
-    source, header, unit_texts = _open(Path(path), codecs, units)
+    source, header, unit_texts = _open(Path(path), (encoding,) if encoding else _CODECS, units)
     if header.times is not None:
         stated = None
         if asked is not None or {"cycle", "storage"} <= header.entries.keys():
@@ -203,9 +197,8 @@ def _rows(source: TextFile, header: Header, allow_incomplete: bool) -> Iterator[
 
 
 class _Form(NamedTuple):
-    """Columns, signs, layout of each column that has one; where ``is_fixed``, another layout is a fault."""
+    """Signs, layout of each column that has one; where ``is_fixed``, another layout is a fault."""
 
-    n_columns: int
     signs: Separators
     layouts: tuple[Layout | None, ...]
     is_fixed: bool
@@ -234,7 +227,7 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
         is_one = counted and others <= max(1, counted[0][1] // 20) and counted[0][1] > others
         layouts.append(counted[0][0] if is_one else None)
     is_padded = all(any(re.match(r"[+-]*0\d", cell) for cell in column) for column in columns[first:])
-    form = _Form(n_columns, signs, tuple(layouts), all(layouts[first:]) and is_padded)
+    form = _Form(signs, tuple(layouts), all(layouts[first:]) and is_padded)
     stream, number = chain(sample, stream), header.n_lines + 1
     parts = [(np.empty((0, n_columns)), np.empty((0, n_columns), np.int8))]
     while batch := list(islice(stream, _BATCH)):
@@ -256,7 +249,7 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
 
 def _read_row(header: Header, form: _Form, line: str, number: int) -> tuple[list[float], list[int]]:
     cells = split_cells(line, header.delimiter)
-    check_width(line, cells, form.n_columns, header.delimiter, path=header.path, line_number=number)
+    check_width(line, cells, len(form.layouts), header.delimiter, path=header.path, line_number=number)
     values, states = [], []
     for index, cell in enumerate(cells):
         is_counter, known = header.has_counter and index == 0, form.layouts[index]
@@ -305,7 +298,7 @@ def _numbers(header: Header, values: Floats, allow_incomplete: bool) -> NDArray[
     row = int(back[0] if back.size else wrong[0]) + 1 if wrong.size else 0
     before = int(counter[row - 1]) if row else 0
     said = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
-    hint = "Rows are missing, repeated or moved: export the file again. Where they are only missing, "
-    hint += "allow_incomplete=True reads the rest at its right times."
+    hint = "Rows are missing, repeated or moved: export the file again, or sort them by their number. Where rows are "
+    hint += "only missing, allow_incomplete=True reads the rest at its right times."
     text = f"the counter says {said}, expected {before + 1}"
     raise SourceError(path, text, line=first_line + row, column=1, hint=hint)

@@ -244,8 +244,7 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> B
         name, unit_text = parts_of(key)
         value = cursor.number_of(text, name in DECLARED and text not in _NOT_SET)
         if name in DECLARED and unit_text not in _DECLARED_UNITS:
-            expected = ", ".join(sorted(_DECLARED_UNITS))
-            message = f"found the unit {shorten(unit_text)}, expected one of {expected}"
+            message = f"found the unit {shorten(unit_text)}, expected one of {', '.join(sorted(_DECLARED_UNITS))}"
             raise cursor.error(message, column=len(name) + 3)
         parameters.append(parameter_of(key, text, value))
     block = Block(function, info_lines, tuple(lines), tuple(parameters), (), np.empty((0, 0)), has_data=False)

@@ -1,12 +1,9 @@
 """Biomomentum Mach-1 Motion text files: blocks of time, position and force, to a Dataset and back.
 
-The grammar is in :mod:`instruments.mach1._blocks`. Facts of the instrument that matter here:
-
-- force is in N or in gram-force per column, already low-passed (as its header declares), and not tared;
-- a six-axis cell counts compression negative, a single-axis cell positive. The reader keeps the sign of the file and
-  states it in ``compression_sign``: compression is ``compression_sign * force_z``;
-- time restarts at zero in every block; ``start_time`` is a local wall clock without a zone;
-- the declared frequency and amplitude are commands, not the motion of the stage: fit them.
+- Force is in N or in gram-force per column, already low-passed (as its header declares), and not tared.
+- A six-axis cell counts compression negative, a single-axis cell positive: it is ``compression_sign * force_z``.
+- Time restarts at zero in every block; ``start_time`` is a local wall clock without a zone.
+- The declared frequency and amplitude are commands, not the motion of the stage: fit them.
 """
 
 import json
@@ -31,15 +28,12 @@ from labpipe.variables import variable
 
 DEVICE = "Biomomentum Mach-1"
 
-MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
-_DATE = re.compile(r"(?:[A-Za-z]{3}, )?([A-Za-z]{3}) ([0-9]{1,2}), ([0-9]{4})")
 
-#: Compression times this sign is the force of the file, by the type of load cell.
-COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
+COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}  # times compression is the force of the file
 
 
 def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_incomplete: bool = False) -> xr.Dataset:
-    """Read a Mach-1 Motion text file.
+    """Read a Mach-1 Motion text file; SourceError names file, line and column of a departure from the format.
 
     Parameters
     ----------
@@ -58,11 +52,6 @@ def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_inco
         without the column. Over ``block_index``: ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
         ``compression_sign``, ``declared_…``. Attributes: ``header``, ``blocks`` (JSON, everything), ``start``,
         ``compression_sign`` when all blocks agree.
-
-    Raises
-    ------
-    SourceError
-        With file, line and column of the departure from the format.
     """
     check_decimal(decimal)
     source = survey(path, declared=("latin-1",))
@@ -148,9 +137,6 @@ def _block_variables(blocks: Sequence[Block], described_blocks: Sequence[Mapping
 def start_of(block: Block) -> str:
     """Return the ISO start of a block, or "" when the header's date is not in the known form."""
     date, clock = block.info.get("Date", ""), block.info.get("Time", "")
-    named = _DATE.fullmatch(date)
-    if named and named[1].title() in MONTHS:
-        date = f"{named[3]}-{MONTHS.index(named[1].title()) + 1:02d}-{int(named[2]):02d}"
     start = moment(f"{date} {clock}") if clock else None
     return "" if start is None else start.isoformat(timespec="milliseconds")
 
@@ -214,8 +200,7 @@ def encode(dataset: xr.Dataset) -> bytes:
         if columns := block["columns"]:
             part = slice(starts[index], starts[index + 1])
             values = np.column_stack([dataset[each["variable"]].values[part] / each["factor"] for each in columns])
-            pattern = "\t".join(["%.6f"] * len(columns))
-            rows = [pattern % tuple(row) for row in values.tolist()]
+            rows = ["\t".join(["%.6f"] * len(columns)) % tuple(row) for row in values.tolist()]
             for position in reversed(block["dividers"]):
                 rows.insert(position, DIVIDER)
             lines += ["\t".join(each["header"] for each in columns), *rows]

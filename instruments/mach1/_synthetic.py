@@ -7,12 +7,9 @@ from datetime import datetime
 import numpy as np
 
 from instruments.mach1._blocks import Block, Column, parameter_of
-from instruments.mach1._dataset import MONTHS
 from labpipe.arrays import Floats
 from labpipe.text import plain_number
 from labpipe.units import unit
-
-_DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +53,8 @@ def make_block(
     to values in SI, ``parameters`` keys to texts (``{"Frequency, Hz": "0.10000"}``); ``dividers`` are numbers of rows
     before each divider, ``images_folder`` that of the camera.
     """
-    date = f"{_DAYS[start.weekday()]}, {MONTHS[start.month - 1]} {start.day:02d}, {start.year}"
     info = [
-        ("Date", date),
+        ("Date", f"{start:%a, %b %d, %Y}"),
         ("Time", f"{start:%H:%M:%S}.{start.microsecond // 1000:03d}"),
         ("Mach-1 Motion Software Version", "4.4.0.29"),
         ("Mach-1 System S/N", "MA0000000"),

@@ -1,7 +1,7 @@
 """Phantom high-speed films (.cine): lazy, memory-mapped, times from the time stamps.
 
-Nothing but the header is read when a film is opened. Unpacked rows are stored bottom-up, packed rows top-down. Ten-bit
-packed values are companded; they are expanded to twelve linear bits by the inverse of Rec. 709.
+Unpacked rows are stored bottom-up, packed rows top-down. Ten-bit packed values are companded; they are expanded to
+twelve linear bits by the inverse of Rec. 709.
 """
 
 import os
@@ -21,8 +21,7 @@ from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning
 
-#: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
-_FAULT_AROUND = 64 * 2**10
+_FAULT_AROUND = 64 * 2**10  # bytes that the system maps when one of them is looked at (Linux: 16 pages)
 _LEAST_ANNOTATION = 8  # bytes before the pixels of a frame
 _P10_BLACK, _P10_WHITE = 64, 1014  # companded levels of black and white
 _LINEAR_BLACK, _LINEAR_WHITE = 64, 4064  # the 12-bit linear levels for them
@@ -34,13 +33,11 @@ def linear_from_companded() -> NDArray[np.uint16]:
     signal = (np.arange(1024) - _P10_BLACK) / (_P10_WHITE - _P10_BLACK)
     light = np.where(signal < 0.081, signal / 4.5, ((np.maximum(signal, 0.0) + 0.099) / 1.099) ** (1 / 0.45))
     linear = _LINEAR_BLACK + light * (_LINEAR_WHITE - _LINEAR_BLACK)
-    table = np.clip(np.rint(linear), 0, 4095).astype(np.uint16)
-    table.setflags(write=False)
-    return table
+    return np.clip(np.rint(linear), 0, 4095).astype(np.uint16)
 
 
 def read(path: str | os.PathLike[str]) -> "CineFrames":
-    """Open a .cine film.
+    """Open a .cine film; SourceError where it is colour or JPEG, or declares sizes that it does not hold.
 
     Parameters
     ----------
@@ -52,11 +49,6 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
     CineFrames
         Lazy frames; see :class:`labpipe.frames.FrameSource`. Frames behind the end of the file, as after a copy that
         broke off, are warned of (IncompleteFilmWarning).
-
-    Raises
-    ------
-    SourceError
-        The file is no .cine, is colour or JPEG, or declares sizes that it does not hold.
     """
     window = Window(Path(path))
     header = read_header(window)
@@ -111,9 +103,7 @@ class CineFrames(MappedFrames[Header]):
     @cached_property
     def valid(self) -> Flags:
         """False for frames that the file does not hold completely; shape (frame,)."""
-        sound = np.array([not self._fault(i) for i in range(self._count)])
-        sound.setflags(write=False)
-        return sound
+        return np.array([not self._fault(i) for i in range(self._count)])
 
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame, first row on top; SourceError where the file does not hold it completely."""

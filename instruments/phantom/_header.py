@@ -1,8 +1,7 @@
 """Header of a Phantom .cine file.
 
-Layout (little-endian, from the vendor's description of the format): CINEFILEHEADER at 0,
-BITMAPINFOHEADER at 44, SETUP after it, tagged blocks, the table of image offsets, images.
-Every declared size is compared with the file before it is used.
+Layout (little-endian, from the vendor's description): CINEFILEHEADER at 0, BITMAPINFOHEADER at 44, SETUP after it,
+tagged blocks, the table of image offsets, images. Every declared size is compared with the file before it is used.
 """
 
 import struct
@@ -93,8 +92,7 @@ def read_header(window: Window) -> Header:
     window.require(setup_at, length, "SETUP")
 
     def setting(layout: str, offset: int) -> float | None:
-        is_there = offset + struct.calcsize(layout) <= length
-        return window.field(layout, setup_at + offset, "SETUP") if is_there else None
+        return window.field(layout, setup_at + offset, "SETUP") if offset + struct.calcsize(layout) <= length else None
 
     def whole(layout: str, offset: int) -> int | None:
         value = setting(layout, offset)
@@ -105,8 +103,7 @@ def read_header(window: Window) -> Header:
         _refuse(window, bitmap + 4, f"{text}width and height are exchanged", EXCHANGED)
     if colour_filter := whole("I", 808):
         _refuse_colour(window, f"the sensor has a colour filter (CFA {colour_filter})")
-    kind = "<i8" if version == 1 else "<u4"
-    offsets = window.array(kind, table_at, count, f"the table of {count} image offsets")
+    offsets = window.array("<i8" if version == 1 else "<u4", table_at, count, f"the table of {count} image offsets")
     stamps, exposures, stated = _tags(window, setup_at + length, table_at, count)
     room = (int(offsets.min()) - table_at) // offsets.dtype.itemsize
     if stated is not None and stated != count and stated == room:

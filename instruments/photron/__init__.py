@@ -16,9 +16,8 @@ HEADERS = (".cih", ".cihx")
 
 def header_of(path: Path) -> Path | None:
     """Return the header of a pair, given either of its files; None where there is none."""
-    if path.suffix.lower() in HEADERS:
-        return path
-    return next((p for p in sorted(path.parent.glob("*.[cC][iI][hH]*")) if p.stem == path.stem), None)
+    found = (p for p in sorted(path.parent.glob("*.[cC][iI][hH]*")) if p.stem == path.stem)
+    return path if path.suffix.lower() in HEADERS else next(found, None)
 
 
 def frames_of(header: Path) -> Path | None:

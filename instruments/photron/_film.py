@@ -66,7 +66,7 @@ class Header:
 
 
 def read(path: str | os.PathLike[str]) -> "MrawFrames":
-    """Open a Photron film by either of its two files.
+    """Open a Photron film by either of its two files; SourceError where one is missing or does not fit the other.
 
     Parameters
     ----------
@@ -78,11 +78,6 @@ def read(path: str | os.PathLike[str]) -> "MrawFrames":
     MrawFrames
         Lazy frames; see :class:`labpipe.frames.FrameSource`. Time 0 is the trigger. Frames that a short .mraw does not
         hold are warned of (IncompleteFilmWarning).
-
-    Raises
-    ------
-    SourceError
-        One of the two files is missing, the header lacks a value, or the frames do not fit the header.
     """
     path = Path(path)
     if (header_path := header_of(path)) is None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
 from instruments._workbook import beginning, is_workbook
 from labpipe.installation import lazily
+from labpipe.text import first_bytes
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from instruments.tables._table import read as read
 else:
     __getattr__ = lazily(__name__)
-
 
 _FAR = 64 * HEAD_BYTES  # how far into a file the lines about specimen and procedure may reach
 
@@ -47,13 +47,7 @@ def _beginning(head: bytes, path: Path) -> str:
     # a page or a document of JSON is no table; of its long lines every part would be tried as a heading
     if "\0" in text or re.match(r"\ufeff?\s*(?:\{|<!|<html|<\?xml)", text):
         return ""
-    if len(head) == HEAD_BYTES:  # lines on specimen and procedure may stand before the first table
-        try:
-            with path.open("rb") as stream:
-                text = text_of(stream.read(_FAR))
-        except OSError:
-            return ""
-    return text
+    return text_of(first_bytes(path, _FAR)) if len(head) == HEAD_BYTES else text
 
 
 def columns_hint(head: bytes, path: Path) -> str:

@@ -27,7 +27,6 @@ from labpipe.text import DOT, Separators, check_decimal
 from labpipe.units import Measure, si as in_si
 from labpipe.variables import variable
 
-DEVICE = "plain table of a dynamic mechanical analysis"
 _HEADER = 100  # lines in which a file states how it is written
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
@@ -45,6 +44,8 @@ def read(
     allow_incomplete: bool = False,
 ) -> xr.Dataset:
     """Read sweeps, responses over time or shift factors from a table, or the columns of any table that are named.
+
+    SourceError names file, line and column of a fault. Warns of columns, rows or tables that nothing is made of.
 
     Parameters
     ----------
@@ -70,16 +71,6 @@ def read(
         Of responses ``time`` [s] and ``relaxation_modulus`` [Pa] or ``creep_compliance`` [1/Pa]; of shifts
         ``temperature`` and ``log10_aT``. Of a named displacement as :func:`instruments.keyence.read`, of position and
         force (compression positive) as :func:`instruments.mach1.read`.
-
-    Raises
-    ------
-    SourceError
-        With file, line and column of the fault.
-
-    Warns
-    -----
-    UserWarning
-        Columns, rows or tables that nothing is made of are left out; a last line has no end.
     """
     check_decimal(decimal)
     notes, named = Notes(Path(path)), None if columns is None else chosen(columns)
@@ -133,8 +124,8 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
             text = "the last line has no line end and fewer cells than the others; it is cut"
             hint = "Complete the line, or drop it with allow_incomplete=True."
             raise SourceError(path, text, line=open_line, hint=hint)
-        text = "the last line has no line end; it is kept, as no cell is missing; if the file was cut, its end is wrong"
-        notes.add(text, open_line)
+        text = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
+        notes.add(text + "number is wrong", open_line)
     lacking = [missing(block.names()) for block in tables]
     whole = [block for block, text in zip(tables, lacking, strict=True) if not text]
     if not whole:
@@ -161,24 +152,16 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
     if is_cut:
         notes.add(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
     work = {"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}
-    facts = {
-        "instrument": DEVICE,
-        "layout": "plain table",
-        "encoding": encoding,
-        "header": "",
-        "work": json.dumps(work),
-    }
-    facts |= {"delimiter": whole[0].separator, "decimal": signs.decimal}
+    facts = {"instrument": "plain table of a dynamic mechanical analysis", "layout": "plain table", "header": ""}
+    facts |= {"encoding": encoding, "delimiter": whole[0].separator, "decimal": signs.decimal, "work": json.dumps(work)}
     return assemble(made, path, **facts, **({"incomplete": 1} if is_cut else {}))
 
 
 def _trace(notes: Notes, block: Block, signs: Separators, cycle: Measure | None, step: float | None) -> xr.Dataset:
     """Convert named columns to the form of a displacement sensor, or of a mechanical tester.
 
-    ``step`` [s] between the rows is that of the file's header, where it states one.
-
-    SourceError where a cell is no number, the times are missing, go back or do not lie evenly, or contradict the
-    cycle.
+    ``step`` [s] between the rows is that of the file's header. SourceError for times that are missing, go back, do not
+    lie evenly or contradict the cycle.
     """
     names = [heading.name for heading in block.headings]
     factors = [unit_of(heading.unit).factor for heading in block.headings]
@@ -251,10 +234,7 @@ def _force(notes: Notes, columns: dict[str, Floats], lines: list[int]) -> xr.Dat
 
 
 def _even_interval(path: Path, time: Floats, resolution: float, lines: Sequence[int]) -> float:
-    """Return the interval [s] of times that lie evenly, each within its last decimal.
-
-    SourceError where they do not, or one is missing.
-    """
+    """Return the interval [s] of times that lie evenly, each within its last decimal; SourceError for others."""
     steps = np.diff(time)
     interval = float((time[-1] - time[0]) / steps.size) if steps.size else 0.0
     off = np.abs(time - time[0] - interval * np.arange(time.size))

@@ -89,22 +89,3 @@ def film_bytes(
     path = folder / "seed.cine"
     phantom.write(path, images.astype(kind), images.shape, time, recording)
     return path.read_bytes()
-
-
-SESSION = b"""labpipe = 1
-[session]
-title = "Drops"
-operator = "A. N. Other"
-notes = '''two
-lines'''
-[defaults.ball_drop]
-calibration = "calibration/laser.toml"
-[defaults.ball_drop.sphere]
-radius = "9.525 mm"
-mass = "28.2 g"
-material = "nbr"
-[experiments.nbr]
-kind = "ball_drop"
-laser = ["laser/r1.csv", "laser/r2.csv"]
-height = "20.0 \xc2\xb1 0.5 mm"
-"""

@@ -116,14 +116,9 @@ def pages(folder: Path) -> list[Path]:
     return found
 
 
-def test_the_texts_reach_the_pages(hostile: Path) -> None:
-    """Without this the other tests could pass by looking at nothing."""
-    whole = "".join(path.read_text("utf-8") for path in pages(hostile))
-    for part in ("&lt;img src=x", "=cmd|", "onclick=", "&lt;base href"):
-        assert part in whole, part
-
-
 def test_no_text_becomes_an_element_an_attribute_or_a_script(hostile: Path) -> None:
+    whole = "".join(path.read_text("utf-8") for path in pages(hostile))
+    assert all(part in whole for part in ("&lt;img src=x", "=cmd|", "onclick=", "&lt;base href"))
     for path in pages(hostile):
         page = Page(path.read_text("utf-8"))
         policy = next(

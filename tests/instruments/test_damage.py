@@ -152,29 +152,6 @@ def test_change_of_form_leaves_the_numbers(tmp_path, read, whole, form):
         np.testing.assert_array_equal(readings[variable].values, expected[variable].values)
 
 
-def test_ambiguous_thousands_are_refused_until_the_decimal_sign_is_given(tmp_path):
-    path = tmp_path / "ambiguous.csv"
-    rows = "".join(f"{i};1,23{i}\r\n" for i in range(1, 5))
-    path.write_text(
-        HEAD.replace(",", ";").replace(";OUT2", "").replace("mm;mm", "mm").replace("250", "4") + "\r\n" + rows,
-        newline="",
-    )
-    with pytest.raises(SourceError, match=r'decimal="\." or decimal=","'):
-        keyence.read(path)
-    readings = keyence.read(path, decimal=",")
-    np.testing.assert_allclose(readings.out1.values * 1e3, [1.231, 1.232, 1.233, 1.234])
-
-
-def test_decimal_comma_is_read_with_the_option(tmp_path):
-    path = tmp_path / "comma.txt"
-    path.write_text(TESTER, newline="")
-    whole = mach1.read(path)
-    path.write_text(re.sub(r"(?<=\d)\.(?=\d)", ",", TESTER), newline="")
-    with pytest.warns(UserWarning, match="date and time"):  # the clock has a comma too
-        readings = mach1.read(path, decimal=",")
-    np.testing.assert_array_equal(readings.force_z.values, whole.force_z.values)
-
-
 def test_empty_data_section_and_silent_functions_are_blocks(tmp_path):
     path = tmp_path / "blocks.txt"
     info = SECOND[: SECOND.index("<Sinusoid>")]

@@ -219,20 +219,6 @@ def test_times_of_a_clock_are_no_numbers_of_frames(tmp_path: Path, names: list[s
         instruments.read(tmp_path / "f", fps=1000.0)
 
 
-def test_a_note_of_the_cameras_orientation_turns_no_image(tmp_path: Path) -> None:
-    """It would turn a whole film, or the images after a moment; a TIFF with one is refused."""
-    levels = (np.arange(40 * 60) % 251).astype(np.uint8).reshape(40, 60)
-    for k in range(3):
-        note = Image.Exif()
-        note[274] = 6 if k else 1
-        Image.fromarray(levels + np.uint8(k)).save(tmp_path / f"frame_{k}.png", exif=note)
-    film = instruments.read(tmp_path, fps=1000.0)
-    assert all(np.array_equal(film[k], levels + np.uint8(k)) for k in range(3))
-    Image.fromarray(levels).save(tmp_path / "turned.tif", tiffinfo={274: 6})
-    with pytest.raises(SourceError, match="turned by a note of orientation"):
-        instruments.read(tmp_path / "turned.tif", fps=1000.0)
-
-
 def png(image: np.ndarray) -> bytes:
     return cv2.imencode(".png", image)[1].tobytes()
 
@@ -274,14 +260,6 @@ def test_what_is_no_film_is_refused(tmp_path: Path, name: str, data: bytes, fps:
         instruments.read(tmp_path, fps=fps, instrument="image_stack")
 
 
-def test_a_film_in_files_of_several_pages_each_is_refused(tmp_path: Path) -> None:
-    assert cv2.imwritemulti(str(tmp_path / "f0.tif"), list(images(3)))
-    with pytest.raises(SourceError, match="holds 3 images, expected one per file"):
-        instruments.read(tmp_path, fps=100.0)
-    film = instruments.read(tmp_path / "f0.tif", fps=100.0)
-    assert all(np.array_equal(film[i], images(3)[i]) for i in (-1, 0, 1))
-
-
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     path = tmp_path / "a.avi"
@@ -308,14 +286,3 @@ def test_a_video_is_a_film_in_any_order(video: Path) -> None:
         film[3]
     with pytest.raises(InputError, match="region of interest"):
         film.roi(slice(99, 120), slice(0, 4))
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kept", [40, 2000, -40])
-def test_a_cut_video_gives_the_frames_that_there_are_or_none(video: Path, kept: int) -> None:
-    video.write_bytes(video.read_bytes()[:kept])
-    try:
-        film = instruments.read(video, fps=1000.0)
-        assert [frame.shape for frame in film] == [(24, 32)] * len(film)
-    except SourceError as error:
-        assert "a.avi" in str(error)  # noqa: PT017

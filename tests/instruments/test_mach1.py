@@ -70,16 +70,6 @@ def test_declared_parameters_are_si_over_blocks(tmp_path):
     assert readings.declared_relaxation_rate.attrs["units"] == "N/s"
 
 
-@pytest.mark.parametrize("date", ["2023-07-19", "2023/07/19", "19.07.2023"])
-def test_start_is_read_from_other_forms_of_a_date(tmp_path, date):
-    read_blocks(tmp_path, relaxation())
-    path = tmp_path / "made.txt"
-    text = path.read_text("utf-8")
-    path.write_text(text.replace("Wed, Jul 19, 2023", date), "utf-8", newline="")
-    assert "Wed, Jul 19" in text
-    assert mach1.read(path).attrs["start"] == "2023-07-19T23:59:59.900"
-
-
 def test_write_read_is_the_identity(tmp_path):
     made, path = mach1.assemble((sinusoid(), relaxation(dividers=(0, 20, 40)), sinusoid(1))), tmp_path / "a.txt"
     mach1.write(path, made)

@@ -175,12 +175,6 @@ def test_a_count_that_the_stamps_and_the_offsets_contradict_is_refused(tmp_path:
         read(changed(tmp_path, (20, "I", stated)))
 
 
-@pytest.mark.parametrize(("black", "white"), [(-5, 4064), (64, 2**20), (64, 64), (4064, 64)])
-def test_levels_that_cannot_be_are_the_range_of_the_type(tmp_path: Path, black: int, white: int) -> None:
-    path = changed(tmp_path, (SETUP + 5732, "i", black), (SETUP + 5736, "i", white))
-    assert read(path).levels == (0.0, 4095.0)
-
-
 def bursts(pause: float, length: int = 5, number: int = 3) -> np.ndarray:
     starts = np.arange(number) * (pause + length * 1e-4)
     return (starts[:, None] + np.arange(length) * 1e-4).ravel()
@@ -211,21 +205,6 @@ def test_one_damaged_stamp_is_replaced_within_its_burst(tmp_path: Path, frame: i
     others = np.arange(15) != frame
     np.testing.assert_allclose(axis.time[others], time[others], atol=2e-9)
     assert (np.diff(axis.time) > 0).all()
-
-
-@pytest.mark.parametrize("damaged", [(1, 2), (6, 7, 8), (0, 5, 10)])
-def test_some_damaged_stamps_do_not_outvote_the_others(tmp_path: Path, damaged: tuple[int, ...]) -> None:
-    time = np.arange(15) * 1e-4
-    changes = [(SECONDS + 8 * i, "I", 1_700_000_900 - i) for i in damaged]
-    with pytest.warns(UserWarning, match=f"{len(damaged)} time stamp"):
-        axis = read(changed(tmp_path, *changes, time=time)).time_axis
-    np.testing.assert_allclose(axis.time, time, atol=2e-8)
-
-
-def test_one_frame_has_the_time_of_its_stamp(tmp_path: Path) -> None:
-    axis = read(changed(tmp_path, time=np.array([0.25]))).time_axis
-    assert axis.time == pytest.approx([0.25], abs=1e-9)
-    assert axis.warnings == ()
 
 
 @pytest.mark.parametrize(("rate", "decimation"), [(0, 1.0), (10_000, -1.0), (10_000, float("inf")), (0, float("nan"))])

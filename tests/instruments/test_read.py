@@ -98,13 +98,6 @@ def test_the_face_of_a_room_keeps_what_it_promises(each):
         room.tarot  # noqa: B018
 
 
-def test_an_option_of_another_instrument_names_those_that_there_are(tester, laser):
-    with pytest.raises(UsageError, match='mach1 has no option "cycle"; it has decimal, allow_'):
-        instruments.read(tester, cycle="50 us")
-    with pytest.raises(UsageError, match='keyence has no option "fps"; it has cycle, units, '):
-        instruments.read(laser, fps=10.0)
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "a.csv")

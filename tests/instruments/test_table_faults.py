@@ -76,12 +76,6 @@ def test_a_refusal_holds_the_line_to_copy(tmp_path):
     assert tables.read(path, columns=copied).frequency.values == pytest.approx(F)
 
 
-@pytest.mark.parametrize("mark", ["OVER", "9.91E+37"])
-def test_a_mark_of_no_reading_is_none(tmp_path, mark):
-    found = read(tmp_path, SWEEPS.replace("1,1100,90,", f"1,1100,{mark},"))
-    assert np.isnan(found.loss_modulus.values).tolist() == [False, True, False, False]
-
-
 def test_a_last_line_without_an_end_is_kept_or_dropped(tmp_path):
     with pytest.warns(UserWarning, match="kept, as no cell is missing"):
         assert_is_the_table(read(tmp_path, SWEEPS.rstrip("\n")))

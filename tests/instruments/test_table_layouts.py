@@ -160,13 +160,13 @@ def test_columns_that_agree_are_no_contradiction(tmp_path):
     assert_is_the_truth(read(tmp_path, table(head, *ALL, SIZE / 1e3, SIZE / 1e6, SIZE / 1e8)))
 
 
-def test_a_unit_of_millipascal_is_noted(tmp_path):
-    with pytest.warns(UserWarning, match="moduli are in mPa, which is read as MPa"):
-        assert_is_the_truth(read(tmp_path, table("f (Hz),E' (mPa),E'' (mPa),T (°C)", *ALL)))
-
-
 @pytest.mark.parametrize("line", ["x,y,z", "Time,Temperature", "T,E", "Time, s\tPosition (z), mm\tFz, N"])
 def test_other_tables_are_not_claimed(tmp_path, line):
     (tmp_path / "a.txt").write_text(line + "\n1\t2\t3\n")
     with pytest.raises(SourceError, match="no instrument recognises"):
         instruments.identify(tmp_path / "a.txt")
+
+
+def test_a_unit_of_millipascal_is_noted(tmp_path):
+    with pytest.warns(UserWarning, match="moduli are in mPa, which is read as MPa"):
+        assert_is_the_truth(read(tmp_path, table("f (Hz),E' (mPa),E'' (mPa),T (°C)", *ALL)))
