@@ -65,7 +65,7 @@ class Train:
 
     It ends after ``most`` impacts, if any; ``observe`` is called with the time since first touch now and then;
     ``times`` (time,) [s] from there are asked for. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times
-    from the release.
+    from the release, and ``stretches`` the end of each contact and flight, its records at any times, its own times.
     """
 
     setting: Setting
