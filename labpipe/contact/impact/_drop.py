@@ -150,7 +150,7 @@ def drop(
     if missing := [name for name, value in given.items() if value is None]:
         raise InputError(f"drop needs {', '.join(missing)} as well")
     r, m, h, t = (exact(value, name) for name, value in given.items() if value is not None)
-    warn_of_millimetres(radius or r)
+    warn_of_millimetres(radius or r, mass or m, height or h)
     setting = Setting(r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate, ring_width, full, max_steps)
     wanted = None if times is None else checked_times(times, t)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
@@ -237,7 +237,7 @@ def impacts(
     alike = dict[Any, list[tuple[int, Solid, Setting]]]()
     for i, (*numbers, plate_of_one, of_one, compliance) in enumerate(drops):
         r, m, h, t, g = (exact(value, name) for value, name in zip(numbers, given, strict=False))
-        warn_of_millimetres(numbers[0])
+        warn_of_millimetres(*numbers[:3])
         one = Setting(r, m, h, t, "mdr", profile, rtol, g, plate_of_one, rows_only=True)
         key = of_one if isinstance(of_one, str) else id(of_one), compliance
         alike.setdefault(key, []).append((i, of_one, one))

@@ -182,9 +182,11 @@ def exact(given: Measure, name: str) -> float:
     return found
 
 
-def warn_of_millimetres(radius: Measure) -> None:
+def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
     """Warn of a sphere of metres, given as a bare number, and show the notation with units."""
     if isinstance(radius, int | float) and 1.0 < radius <= 50.0:  # a larger one is a wish for a flat
-        remedy = f'if millimetres were meant, write radius="{radius:g} mm", and mass and height with their units'
-        message = f"radius={radius:g} is a sphere of {radius:g} m; {remedy}"
+        texts = [f'radius="{radius:g} mm"']
+        texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
+        texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
+        message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
         warnings.warn(message, UserWarning, stacklevel=3)
