@@ -17,8 +17,6 @@ Solver = Literal["mdr", "rings", "thesis"]
 
 MAX_STEPS = 1_000_000
 _UNITS = {"radius": "m", "mass": "kg", "height": "m", "duration": "s", "gravity": "m/s2"}
-# Below, rounding; above, the estimates of the error mean nothing.
-_RTOL_RANGE = (1e-8, 1e-2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +114,8 @@ class Setting:
         for name, known in (("solver", Solver), ("profile", Profile)):
             if getattr(self, name) not in get_args(known):
                 raise InputError(f'{name} is "{getattr(self, name)}", expected one of {", ".join(get_args(known))}')
-        low_rtol, high_rtol = _RTOL_RANGE
-        if not low_rtol <= self.rtol <= high_rtol:
-            raise InputError(f"rtol is {self.rtol}, expected {low_rtol} to {high_rtol}")
+        if not 1e-8 <= self.rtol <= 1e-2:  # below, rounding; above, the estimates of the error mean nothing
+            raise InputError(f"rtol is {self.rtol}, expected 1e-08 to 0.01")
         if self.ring_width is not None:
             require_positive("m", ring_width=self.ring_width)
         if self.plate is not None and self.solver == "thesis":
@@ -185,9 +182,11 @@ def exact(given: Measure, name: str) -> float:
     return found
 
 
-def warn_of_millimetres(radius: Measure) -> None:
+def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
     """Warn of a sphere of metres, given as a bare number, and show the notation with units."""
     if isinstance(radius, int | float) and 1.0 < radius <= 50.0:  # a larger one is a wish for a flat
-        remedy = f'if millimetres were meant, write radius="{radius:g} mm", and mass and height with their units'
-        message = f"radius={radius:g} is a sphere of {radius:g} m; {remedy}"
+        texts = [f'radius="{radius:g} mm"']
+        texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
+        texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
+        message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
         warnings.warn(message, UserWarning, stacklevel=3)

@@ -65,7 +65,7 @@ class Train:
 
     It ends after ``most`` impacts, if any; ``observe`` is called with the time since first touch now and then;
     ``times`` (time,) [s] from there are asked for. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times
-    from the release.
+    from the release, and ``stretches`` the end of each contact and flight, its records at any times, its own times.
     """
 
     setting: Setting
@@ -90,12 +90,7 @@ class Train:
     def run(self) -> "Train":
         """Fall, bounce, rest; a contact wider than the sphere, or too many steps, raise InputError."""
         setting, expected, now, creep = self.setting, self.expected, self.now, self.tables.creep
-        if expected.radius > setting.radius:
-            raise InputError(
-                f"the contact would be about {expected.radius:.3g} m in radius, wider than the sphere "
-                f"({setting.radius:.3g} m): small-strain contact does not hold; use a stiffer "
-                "material, a smaller mass or a lower drop"
-            )
+        self._look(expected.radius)
         is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
         cycle = expected.duration + 2.0 * setting.speed / setting.gravity
         needed = _STEPS_PER_CONTACT * setting.duration / cycle
@@ -115,7 +110,8 @@ class Train:
         self._keep_flight(start, min(touch, end), end)
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
-            self._fly(touch)
+            if touch:
+                self._fly(touch)
             self._bounce(end)
         return self
 
@@ -274,9 +270,9 @@ class Train:
         counts, most, now = self.counts, self.setting.max_steps, self.now
         if radius > self.setting.radius:
             raise InputError(
-                f"at {now.time:.6g} s the contact would be {radius:.4g} m in radius, more "
-                f"than {self.setting.radius:.4g} m: beyond this the sphere is no half-space; use a "
-                "stiffer material, a smaller mass or a lower drop"
+                f"at {now.time:.6g} s the contact would be about {radius:.3g} m in radius, wider than the sphere "
+                f"({self.setting.radius:.3g} m), which is no half-space then; use a stiffer material, a smaller mass "
+                "or a lower drop"
             )
         if counts["solver_steps"] > most or counts["spring_updates"] > _UPDATES_PER_STEP * most:
             raise InputError(

@@ -10,12 +10,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.linalg import toeplitz
+from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep, checked_history
@@ -28,6 +30,11 @@ from labpipe.units import Measure, require_positive, si
 from labpipe.variables import variable
 
 Output = Literal["pressure", "surface", "energy"]
+
+# So many strips are factored without the threads of the linear algebra, which gain nothing and wait for each other.
+_BY_ONE_THREAD = 1200
+# Libraries with threads of their own, which take 10 ms to find.
+_libraries = cache(ThreadpoolController)
 
 _VARIABLES = {
     "displacement": ("m", "Approach of the indenter"),
@@ -169,7 +176,8 @@ class _Line:
         rows, answers = {name: np.empty((time.size, elements)) for name in maps}, np.empty((time.size, 7))
         # The strip at half a period is stored once, at index 0; a circle ends before.
         half = np.append(heights[elements // 2 :], heights[0])
-        bed = strip_bed(kernel, half[np.isfinite(half)], float(displacement.max()))
+        with _libraries().limit(limits=1 if elements <= _BY_ONE_THREAD else None, user_api="blas"):
+            bed = strip_bed(kernel, half[np.isfinite(half)], float(displacement.max()))
         march = March(bed.springs, self.creep, "displacement", rtol, limit)
         for n, found in enumerate(march.run(time, displacement)):
             answers[n] = found

@@ -122,10 +122,8 @@ def from_displacement(
     approach = np.asarray(displacement, dtype=float)
     full = full_contact(tip_radius, period, profile)
     if not np.all(approach < full):
-        raise InputError(
-            f"an approach of {approach.max() * 1e6:.4g} µm closes the period: a half-plane takes less than "
-            f"{full * 1e6:.4g} µm"
-        )
+        reason = f"closes the period: a half-plane takes less than {full * 1e6:.4g} µm"
+        raise InputError(f"an approach of {approach.max() * 1e6:.4g} µm {reason}")
 
     # Bisection in ln(a/(λ/2 − a)), from one end of double precision to the other.
     low, high = np.full(approach.shape, -350.0), np.full(approach.shape, 350.0)

@@ -93,7 +93,7 @@ def theory(
     for name, values, text in (
         ("mean", mean / radius, "mean indentation over R, eq. (2.36)"),
         ("amplitude", amplitude / radius, "amplitude over R, eq. (2.37)"),
-        ("frequency", dissipation.dimensionless_frequency(frequency, tau), "f tau_0, eq. (2.38)"),
+        ("frequency", frequency * tau, "f tau_0, eq. (2.38)"),
     ):
         table[f"dimensionless_{name}"] = variable("oscillation", values, "1", text)
     scale = float(solid.E_relaxed) * period * depth * radius
