@@ -76,11 +76,7 @@ def evidence(
 
 
 def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], Floats]:
-    """Return storage and loss with their random part, and the change by one deviation of the delay.
-
-    The filter's delay turns all phases the same way and the cell's gain stretches all forces: each
-    is one unknown, not noise.
-    """
+    """Return storage and loss with their random part, and the change of both by one deviation of the filter's delay."""
     storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
     lags = [mach1_readings.force_lag(loads, f) for f in waves["frequency"].values.tolist()]
     u_phase = np.array([lag.u_phase if lag else 0.0 for lag in lags])

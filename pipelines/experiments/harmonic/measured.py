@@ -91,11 +91,7 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
 
 
 def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
-    """Return stiffness and work of one block; the cell's filter is taken out, and counts in u.
-
-    The stage rests before and after. Cycles are counted from the first motion; the first ``skip`` are the transient
-    and the last, in which the stage brakes, is left out too.
-    """
+    """Return stiffness and work of one block without its transient and last cycle; the cell's filter is taken out."""
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
     stated = float(loads["declared_frequency"][block])
@@ -177,11 +173,7 @@ def _u_of_stiffness(stiffness: complex, u_relative: float, u_phase: float) -> tu
 
 
 def _fourier(time: Floats, values: Floats, begin: Floats, frequency: float) -> tuple[Complexes, Floats]:
-    """Return the Fourier components (wave,) of a record over whole cycles, and the uncertainty of each part.
-
-    The drift of a cycle, from its begin to its end, is taken out; the scatter over cycles is that of all waves
-    together. Components beyond the Nyquist frequency are NaN.
-    """
+    """Return the Fourier components (wave,) over whole cycles without their drift, and the uncertainty of each part."""
     share = np.linspace(0.0, 1.0, _LOOP_POINTS + 1)
     y = np.interp(begin + share / frequency, time, values)
     y -= share * (y[:, -1:] - y[:, :1])

@@ -64,12 +64,8 @@ def _of_file(
     geometry: Geometry,
     unknowns: Sequence[Parameter],
 ) -> tuple[Floats, list[Parameter], Callable[[Floats], Evidence]]:
-    """Return times [s], unknowns and the evidence, for relaxation times, of the ramps and holds of one file.
-
-    A number is the mean of a bin's readings behind the cell's filter, which comes late by the
-    filter's delay. Half of two forces, a standard deviation of the readings' times before and
-    after their mean, has the mean of any arc of second degree.
-    """
+    """Return times [s], unknowns, and the evidence by relaxation times, of the ramps and holds of one file."""
+    # half of two forces, a deviation of the times before and after their mean, has the mean of any parabola
     declared = mach1_readings.declared_filter(loads)
     quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
     kept = (curves["mean_time"].values >= quickest) & np.isfinite(curves["force"].values)

@@ -197,10 +197,7 @@ def tests(
 
 
 def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
-    """Average the modulus over the tests, weighted by the part of u that they do not share.
-
-    Where the scatter exceeds the stated uncertainties, they grow by the Birge ratio.
-    """
+    """Average the modulus over the tests, weighted by the part of u that they do not share, with the Birge ratio."""
     names = ("reduced_modulus", "reduced_modulus_own_part", "u_reduced_modulus")
     value, own, whole = (table[name].values[np.isfinite(table["reduced_modulus"])] for name in names)
     mean, weights = np.average(value, weights=1 / own**2, returned=True)

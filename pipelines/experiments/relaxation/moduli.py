@@ -50,10 +50,7 @@ def curves(
 
 
 def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
-    """Bin the force of every hold over the logarithm of the time since the stage arrived.
-
-    A mean force belongs to the mean time of its readings, which is not the middle of the bin.
-    """
+    """Bin the force of every hold over the logarithm of the time since the stage arrived, at the bins' mean times."""
     interval = float(loads["sampling_interval"][found[0].block])
     longest = max(hold.last - hold.end for hold in found)
     edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * _BINS_PER_DECADE) + 2)
@@ -85,12 +82,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
 
 
 def _u_of_means(loads: xr.Dataset, hold: Hold, count: Integers) -> Floats:
-    """Return the standard uncertainty [N] of means of so many readings of a hold by their noise.
-
-    The second half of the hold, where the force hardly falls, shows the noise better than the few
-    readings of an early bin could; for a short hold the quiet start of the file is taken. Where the noise does
-    not cross the resolution of the cell no mean sees between.
-    """
+    """Return the standard uncertainty [N] of means of so many readings, by the noise of the second half of a hold."""
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
     late = time >= 0.5 * (hold.end + hold.last)
     step = float(loads.attrs.get("resolution", 0.0))

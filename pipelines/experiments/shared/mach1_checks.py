@@ -158,10 +158,8 @@ def _order_of_columns(blocks: Sequence[Part]) -> Check:
 
 
 def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
-    """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each.
-
-    One that several blocks miss has no line: then their headers are not the fault.
-    """
+    """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each."""
+    # one that several blocks miss has no line: then their headers are not the fault
     for title, (function, key, unit, missed) in _COMMANDS.items():
         found = []
         for part in (part for part in blocks if part.function == function):
@@ -212,10 +210,7 @@ def _direction_of_motion(blocks: Sequence[Part]) -> Check:
 
 
 def _response(blocks: Sequence[Part], backwards: str) -> Check:
-    """Compare force and motion: of a dead cell it does not follow, and of a wrong sign it falls in compression.
-
-    ``backwards`` is the cause of a stage that moves against its declared direction.
-    """
+    """Compare force and motion; ``backwards`` is the cause of a stage that moves against its declared direction."""
     pressed = (part for part in blocks if part.function in (OSCILLATION, RELAXATION))
     known = [(part, *part.stiffness) for part in pressed if isfinite(part.stiffness[0])]
     if not known:
@@ -324,10 +319,7 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
 
 
 def _of_force(test: Tested) -> Check:
-    """Compare a force with that of the model for the named material.
-
-    A solid that is known by its name has a plausible range: a force outside of it is doubtful, never impossible.
-    """
+    """Compare a force with that of the model for the named material, which is doubtful outside a plausible range."""
     if not (isfinite(test.expected) and test.expected > 0.0 and test.force > 0.0):
         return not_made(_RATIO, "a model")
     ratio, seen, expected = log(test.force / test.expected), quantity(test.force, "N"), quantity(test.expected, "N")

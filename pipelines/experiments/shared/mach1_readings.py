@@ -161,17 +161,14 @@ def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
     declared, measured = load_cell.declared_filter(loads.attrs), _measured_delay(loads)
     if declared is None or measured is None:
         return declared
-    return declared | {"cutoff": float(declared["cutoff"]) * _slow_lag(declared).delay / measured[0]}
+    slow = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"])
+    return declared | {"cutoff": float(declared["cutoff"]) * slow.delay / measured[0]}
 
 
 def _measured_delay(loads: xr.Dataset) -> list[float] | None:
     """Return the delay of the filter that the cell's record gives, and its uncertainty [s]."""
     found: list[float] | None = json.loads(loads.attrs.get("filter_delay", "null"))
     return found
-
-
-def _slow_lag(declared: dict[str, float]) -> load_cell.FilterLag:
-    return load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"])
 
 
 def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None:

@@ -118,13 +118,17 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     follow those of the kind.
     """
     head = (*settings_notice(context), *synthetic_notice(context), *kept_notice(context))
-    (first, *rest), shown = _without_first_chart(sections)
+    charts = (block for section in sections for block in section.blocks if isinstance(block, LineChart | ScatterChart))
+    shown = next(charts, None)
+    parts = [replace(section, blocks=tuple(b for b in section.blocks if b is not shown)) for section in sections]
+    first, *rest = (left for left, whole in zip(parts, sections, strict=True) if left.blocks or not whole.blocks)
     n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
     answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
     if answer and rest:  # a verdict, and the key numbers after it
         basis = [Section("What the verdict rests on", behind)] if behind else []
         rest, behind = [*rest[:1], *basis, *rest[1:]], ()
-    opening = Section(first.title, (*answer, *head, *behind, *shown), first.anchor)
+    chart = () if shown is None else (shown,)
+    opening = Section(first.title, (*answer, *head, *behind, *chart), first.anchor)
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
@@ -132,15 +136,6 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
         home=f"../{SESSION_PAGE}",
         sections=(opening, *rest, problems(context), ledger(context), provenance(context)),
     )
-
-
-def _without_first_chart(sections: Sequence[Section]) -> tuple[list[Section], tuple[Block, ...]]:
-    """Take the first chart out of its section; a section of which nothing is left goes with it."""
-    charts = (block for section in sections for block in section.blocks if isinstance(block, LineChart | ScatterChart))
-    if (first := next(charts, None)) is None:
-        return list(sections), ()
-    parts = (replace(section, blocks=tuple(b for b in section.blocks if b is not first)) for section in sections)
-    return [left for left, whole in zip(parts, sections, strict=True) if left.blocks or not whole.blocks], (first,)
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
@@ -287,16 +282,15 @@ def laser_recordings(
 
 def ledger(context: Context) -> Section:
     """Show the work done and skipped for this page."""
-    left = (
-        len({row.experiment for row in context.ledger}) < 2
-    )  # otherwise also of others, such as the DMA behind a drop
-    rows = [
+    # the experiment is named where others count too, such as the DMA behind a drop
+    left = len({row.experiment for row in context.ledger}) < 2
+    counts = [
         (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[left:]
         for row in context.ledger
     ]
     columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))[left:]
-    table = Table(columns, rows, caption="Counts of work; the same for the same inputs on every machine.")
-    return folded("Processing steps", counted(len(rows), "count"), (table,))
+    table = Table(columns, counts, caption="Counts of work; the same for the same inputs on every machine.")
+    return folded("Processing steps", counted(len(counts), "count"), (table,))
 
 
 def provenance(context: Context) -> Section:

@@ -238,11 +238,8 @@ def _jumps(trace: Trace) -> Check:
 
 
 def _single_rows(trace: Trace) -> Check:
-    """Look for single rows that are lost or doubled: the motion goes on as if it were one reading later or earlier.
-
-    In a window of 24 readings a parabola and a jump in its middle are fitted; a lost row makes a jump of one step
-    between two readings, a doubled row one in the other direction.
-    """
+    """Look for single lost or doubled rows: the motion goes on as if it were one reading later or earlier."""
+    # a parabola with a jump in the middle of a window: one step up of a lost row, down of a doubled one
     if trace.reading.size < 2 * _WINDOW:
         return not_made(SINGLE_ROWS, f"{2 * _WINDOW} readings")
     place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)

@@ -74,10 +74,7 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
 def _along(
     displacement: xr.Dataset, approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settings: StaticLoading
 ) -> Agreement | None:
-    """Lay the contact radius against the model in stretches of each load, ever longer ones.
-
-    They share scale, first touch and drift of the readings, and the model's sphere, loads and solid.
-    """
+    """Compare the contact radius with the model in stretches of each load, with the uncertainties that they share."""
     time, radius = approach["time"].values, settings.sphere.radius
     ours, theirs = approach["contact_radius"].values, model["contact_radius"].values
     kept = approach["is_settled"].values.astype(bool) & (ours > 0.0)

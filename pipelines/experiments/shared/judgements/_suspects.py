@@ -178,10 +178,7 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
 
 
 def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
-    """Name the other material or temperature that explains most of a difference.
-
-    After a temperature that its stated uncertainty excludes, a material that is in no library is named.
-    """
+    """Name the other material or temperature that explains most of a difference."""
     found = [] if scene.alternatives is None else scene.alternatives(compared.rows, compared.covariance)
     known = [each for each in found if np.isfinite(each.differences).all()]
     sizes = [(agreement(each.differences, compared.covariance).chi2, each) for each in known]
@@ -209,12 +206,8 @@ def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
 
 
 def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str]) -> list[str]:
-    """Name the stated value that is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
-
-    Contacts follow power laws (Hertz: a duration goes with m^0.4 R^-0.2): logarithms of positive rows are linear in
-    those of the inputs over large factors. None is named where an input that has no uncertainty, such as a modulus that
-    nobody measured, would do the same.
-    """
+    """Name the stated value that is probably another by a usual factor: a diameter for a radius, a decimal, a unit."""
+    # contacts follow power laws: logarithms of positive rows are linear in those of the inputs over large factors
     inputs, checks = scene.inputs, list[Check]()
     effects: dict[str, dict[str, float]] = {name: {} for name in compared.names}
     for i, (row, slopes, variance) in enumerate(
