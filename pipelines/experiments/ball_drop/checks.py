@@ -124,7 +124,6 @@ def _of_fall(
         fall_checks.rest_level(fall, sag),
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
     ]
-    checks = fall_checks.backwards(checks)
     for wrong in of_traces:
         if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
             checks = judgements.because(checks, wrong.cause, *(c.name for c in checks), file=fall.name)

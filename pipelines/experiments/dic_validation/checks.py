@@ -78,7 +78,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     if track is not None:
         checks += _of_frames(track, whole, settings)
     checks += given.each((_times, _fall))
-    checks = fall_checks.backwards(checks)
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings, laser)), given.each([rows]), basis=basis, unstated=another)

@@ -6,7 +6,7 @@ contact lasts as long as the stated sphere makes it. A factor in time or length 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, log, nan, pi
+from math import hypot, isfinite, log, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,6 @@ from scipy import special
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
-from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
@@ -107,14 +106,6 @@ def restitution(fall: Fall) -> Check:
     found = bounded(name, text, float(held[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
     is_backwards = beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5
     return replace(found, cause=BACKWARDS if is_backwards else _MOVED)
-
-
-def backwards(checks: Sequence[Check]) -> list[Check]:
-    """Return checks; a record that runs backwards in time is the cause of a wrong height."""
-    found = next((check for check in checks if check.cause == BACKWARDS), None)
-    if found is None:
-        return list(checks)
-    return judgements.because(checks, BACKWARDS, HEIGHT, log_ratio=nan, file=found.file, setting="")
 
 
 def rest_level(fall: Fall, sag: float) -> Check:
