@@ -108,14 +108,14 @@ def restitution(fall: Fall) -> Check:
     return replace(found, cause=BACKWARDS if is_backwards else _MOVED)
 
 
-def rest_level(fall: Fall, sag: float) -> Check:
-    """Compare the level at rest with that of the first touch, less the static approach ``sag`` [m]."""
+def rest_level(fall: Fall) -> Check:
+    """Compare the level at rest with that of the first touch; no weight approaches a floor as far as an impact does."""
     name, (rest, u_rest), (touch, u_touch) = "level at rest", fall.value("rest_level"), fall.value("contact_level")
     if not isfinite(rest):
         return not_made(name, "a record that lasts until rest")
     gap, u, deepest = rest - touch, hypot(u_rest, u_touch), float(np.nanmax(fall.values("penetration")))
     text = f"{fall.name}: rest is {shown(gap, u, 'm')} from first touch"
-    return compared(name, text, gap, u, -sag, sag, allowance=max(deepest, 3 * sag), factor=False, file=fall.name)
+    return compared(name, text, gap, u, 0.0, 0.0, allowance=deepest, factor=False, file=fall.name)
 
 
 class Repeated(NamedTuple):
