@@ -86,12 +86,6 @@ def _replaced(old: str, new: str, name: str, after: str = "") -> Edit:
     return rewritten(change, name)
 
 
-def _cell(row: str, column: int, value: str) -> str:
-    parts = row.split("\t")
-    parts[column] = value
-    return "\t".join(parts)
-
-
 _NOISE = np.random.default_rng(7)
 
 _COLUMNS: tuple[tuple[str, Callable[[float, float, float], Row], str], ...] = (
@@ -145,14 +139,6 @@ WAVE_ROWS = (
     _declared(WAVES, "Frequency, Hz", "1.0", "2.0", "declared frequency is 2 times"),
     # rows
     Mistake("rows lost", rows(lambda r: r[:150] + r[210:], WAVES), "impossible", ("missing",)),
-    Mistake(
-        "one force of -99 N",
-        rows(lambda r: [*r[:200], _cell(r[200], 2, "-99.0"), *r[201:]], WAVES),
-        "note",
-        ("left out as outliers",),
-        WAVES,
-        "-99.0",
-    ),
 )
 
 _RELAX = "<Stress Relaxation>"

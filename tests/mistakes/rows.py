@@ -17,21 +17,8 @@ from tests.mistakes.recordings import Edit
 class Mistake:
     """One edit of the clean session and what its verdict must hold.
 
-    Attributes
-    ----------
-    name : str
-    edit : callable
-        Takes the session's folder.
-    level : str
-        The verdict; "note" stands for "yes" with a sentence.
-    words : tuple of str
-        Words of the findings' messages and causes, case aside.
-    file : str
-        File that a finding must name; empty for any.
-    line : int, str or None
-        Line of that file that it must name, by number or by a part of it.
-    check : str
-        Check of the session's audit that must tell it; empty for any.
+    ``level`` is the verdict, "note" for "yes" with a sentence; ``words`` stand in messages and causes, case aside; a
+    finding names ``file`` and its ``line``, by number or a part of it; ``check`` of the session's audit tells it.
     """
 
     name: str

@@ -1,19 +1,15 @@
 """Mistakes that only a session as a whole can tell are in its audit; a clean session has none."""
 
-import json
 import shutil
 from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import labpipe as lp
-from pipelines.commands.system import doctor
 from pipelines.session import process
-from tests.mistakes.recordings import setting
 from tests.mistakes.rows import Mistake, by_day
-from tests.mistakes.session_rows import ROWS, TOML, write
+from tests.mistakes.session_rows import ROWS, write
 
 
 @pytest.fixture(scope="module")
@@ -56,20 +52,3 @@ def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: Mistake) 
         lines = (folder / mistake.file).read_text("utf-8").splitlines()
         assert said[0].line is not None
         assert mistake.line in lines[said[0].line - 1]
-
-
-def test_the_command_shows_the_table_and_ends_with_1(clean: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(clean, folder)
-    setting('"1.7 ±', '"17 ±')(folder)
-    setting('"ptfe"', '"acrylic"')(folder)
-    done = CliRunner().invoke(doctor, [str(folder), "--json"])
-    assert done.exit_code == 1
-    rows = json.loads(done.output)["findings"]
-    assert rows[0]["level"] == "impossible"
-    assert rows[0]["experiments"] == ["acrylic_high"]
-    lines = (folder / TOML).read_text("utf-8").splitlines()
-    assert '"17 ±' in lines[rows[0]["line"] - 1]
-    told = CliRunner().invoke(doctor, [str(folder)]).output
-    assert f"{TOML}:{rows[0]['line']}" in told
-    assert lp.doctor().audit is None  # without a session only the installation is looked at
