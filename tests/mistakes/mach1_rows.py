@@ -127,7 +127,6 @@ WAVE_ROWS = (
     _record("scale 10", "1.0000 ± 0.0010", "10 ± 0.01", "scale", "scale"),
     _record("delay 159 ms", _DELAY, "159 ± 2 ms", "15.9 ms", "159"),
     _record("delay 15.9 s", _DELAY, "15.9 ± 0.2 s", "15.9 ms", "15.9"),
-    _record("record expired", "2025-04-30", "2024-05-10", "expired"),
     # punch
     Mistake(
         "thirty tips", setting("tips = 3", "tips = 30"), "doubtful", ("number of tips is probably 3",), TOML, "tips"

@@ -37,11 +37,7 @@ def judged(folder: Path, *targets: str, experiment: str = "") -> Verdict:
 
 
 def hold(clean: Path, folder: Path, mistake: Mistake, *targets: str, otherwise: str = "", experiment: str = "") -> None:
-    """Edit a copy of the clean session; nothing may go through without a word.
-
-    What is measured tells most mistakes: only what it does not tell is asked of the stage
-    ``otherwise``, such as the comparison with a model that takes longer.
-    """
+    """Edit a copy of the clean session and hold its verdict; what the targets do not tell is asked of ``otherwise``."""
     shutil.copytree(clean, folder)
     mistake.edit(folder)
     lacking = _lacking(mistake, folder, judged(folder, *targets, experiment=experiment))

@@ -1,15 +1,19 @@
 """Mistakes that only a session as a whole can tell are in its audit; a clean session has none."""
 
+import json
 import shutil
 from functools import partial
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import labpipe as lp
+from pipelines.commands.system import doctor
 from pipelines.session import process
+from tests.mistakes.recordings import setting
 from tests.mistakes.rows import Mistake, by_day
-from tests.mistakes.session_rows import ROWS, write
+from tests.mistakes.session_rows import ROWS, TOML, write
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +56,14 @@ def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: Mistake) 
         lines = (folder / mistake.file).read_text("utf-8").splitlines()
         assert said[0].line is not None
         assert mistake.line in lines[said[0].line - 1]
+
+
+def test_the_command_ends_with_1_and_names_the_line(clean: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(clean, folder)
+    setting('"1.7 ±', '"17 ±')(folder)
+    done = CliRunner().invoke(doctor, [str(folder), "--json"])
+    first = json.loads(done.output)["findings"][0]
+    assert (done.exit_code, first["level"], first["experiments"]) == (1, "impossible", ["acrylic_high"])
+    assert '"17 ±' in (folder / TOML).read_text("utf-8").splitlines()[first["line"] - 1]
+    assert lp.doctor().audit is None  # without a session only the installation is looked at
