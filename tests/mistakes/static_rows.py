@@ -66,6 +66,7 @@ ROWS = (
     # loads
     Mistake("a load left out, times given", setting(_line(3.5), ""), "impossible", ("missing", "1098"), _TOML),
     Mistake("the third load 3.0 kg", _mass("3.5", "3.0 ± 0.0005 kg"), "impossible", ("load 3", "3.5 kg"), _TOML),
+    Mistake("kg for g", _every_mass(lambda m: f"{1e3 * m:g} ± 0.5 kg"), "impossible", ("masses", "1000"), _TOML),
     Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "factor of 1000"), _TOML),
     # sphere
     Mistake(
