@@ -16,7 +16,7 @@ from tests.mistakes.rows import Mistake
 
 FIRST = ALL[:1]
 LAST = ALL[-1:]
-RECORD, TOML = "calibration/laser.toml", "session.toml"
+RECORD = "calibration/laser.toml"
 START = datetime(2024, 5, 14, 9, 30)
 _DEEP = 0.04  # mm above the lowest reading: inside the contacts
 

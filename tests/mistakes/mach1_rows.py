@@ -86,12 +86,6 @@ def _replaced(old: str, new: str, name: str, after: str = "") -> Edit:
     return rewritten(change, name)
 
 
-def _cell(row: str, column: int, value: str) -> str:
-    parts = row.split("\t")
-    parts[column] = value
-    return "\t".join(parts)
-
-
 _NOISE = np.random.default_rng(7)
 
 _COLUMNS: tuple[tuple[str, Callable[[float, float, float], Row], str], ...] = (
@@ -133,7 +127,6 @@ WAVE_ROWS = (
     _record("scale 10", "1.0000 ± 0.0010", "10 ± 0.01", "scale", "scale"),
     _record("delay 159 ms", _DELAY, "159 ± 2 ms", "15.9 ms", "159"),
     _record("delay 15.9 s", _DELAY, "15.9 ± 0.2 s", "15.9 ms", "15.9"),
-    _record("record expired", "2025-04-30", "2024-05-10", "expired"),
     # punch
     Mistake(
         "thirty tips", setting("tips = 3", "tips = 30"), "doubtful", ("number of tips is probably 3",), TOML, "tips"
@@ -145,14 +138,6 @@ WAVE_ROWS = (
     _declared(WAVES, "Frequency, Hz", "1.0", "2.0", "declared frequency is 2 times"),
     # rows
     Mistake("rows lost", rows(lambda r: r[:150] + r[210:], WAVES), "impossible", ("missing",)),
-    Mistake(
-        "one force of -99 N",
-        rows(lambda r: [*r[:200], _cell(r[200], 2, "-99.0"), *r[201:]], WAVES),
-        "note",
-        ("left out as outliers",),
-        WAVES,
-        "-99.0",
-    ),
 )
 
 _RELAX = "<Stress Relaxation>"

@@ -17,21 +17,8 @@ from tests.mistakes.recordings import Edit
 class Mistake:
     """One edit of the clean session and what its verdict must hold.
 
-    Attributes
-    ----------
-    name : str
-    edit : callable
-        Takes the session's folder.
-    level : str
-        The verdict; "note" stands for "yes" with a sentence.
-    words : tuple of str
-        Words of the findings' messages and causes, case aside.
-    file : str
-        File that a finding must name; empty for any.
-    line : int, str or None
-        Line of that file that it must name, by number or by a part of it.
-    check : str
-        Check of the session's audit that must tell it; empty for any.
+    ``level`` is the verdict, "note" for "yes" with a sentence; ``words`` stand in messages and causes, case aside; a
+    finding names ``file`` and its ``line``, by number or a part of it; ``check`` of the session's audit tells it.
     """
 
     name: str
@@ -50,11 +37,7 @@ def judged(folder: Path, *targets: str, experiment: str = "") -> Verdict:
 
 
 def hold(clean: Path, folder: Path, mistake: Mistake, *targets: str, otherwise: str = "", experiment: str = "") -> None:
-    """Edit a copy of the clean session; nothing may go through without a word.
-
-    What is measured tells most mistakes: only what it does not tell is asked of the stage
-    ``otherwise``, such as the comparison with a model that takes longer.
-    """
+    """Edit a copy of the clean session and hold its verdict; what the targets do not tell is asked of ``otherwise``."""
     shutil.copytree(clean, folder)
     mistake.edit(folder)
     lacking = _lacking(mistake, folder, judged(folder, *targets, experiment=experiment))

@@ -120,7 +120,6 @@ ROWS = (
     Row("frame rate ten times", "impossible", (_RATE, "10 times"), _faster(10.0)),
     Row("frame rate half", "impossible", (_RATE, "0.5 times"), _faster(0.5)),
     Row("exposure in ms for us", "doubtful", ("2.00 µs", "2.00 ms", "is used"), _said(exposure=2e-6), _exposed(2e-3)),
-    Row("exposure longer than a frame", "impossible", ("each 100 µs", "= 1.00 ms"), settings=_exposed(1e-3)),
     Row(
         "height 2 for 1.5 mm",
         "doubtful",

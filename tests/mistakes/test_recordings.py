@@ -12,11 +12,7 @@ from tests.mistakes.rows import Mistake, by_day, hold, judged
 
 
 class Corpus(NamedTuple):
-    """A clean session, its edits, and the stages that show them.
-
-    ``otherwise`` is asked for what the ``targets`` do not show, such as a comparison that takes longer; by day one of
-    ``every`` rows is tried.
-    """
+    """A clean session, its edits, and the stages that show them; by day one of ``every`` rows is tried."""
 
     write: Callable[[Path], Path]
     rows: tuple[Mistake, ...]

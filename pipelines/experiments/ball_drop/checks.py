@@ -114,17 +114,14 @@ def _of_fall(
 ) -> list[Check]:
     """Evaluate all redundancies of one recording; lost rows explain their effects."""
     gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
-    modulus = 1e9 if stiffness is None else stiffness[0]
-    sag = float((0.75 * mass * gravity.value / (modulus * np.sqrt(radius))) ** (2 / 3))  # Hertz, under the weight
     checks = [
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
         fall_checks.restitution(fall),
         fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
-        fall_checks.rest_level(fall, sag),
+        fall_checks.rest_level(fall),
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
     ]
-    checks = fall_checks.backwards(checks)
     for wrong in of_traces:
         if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
             checks = judgements.because(checks, wrong.cause, *(c.name for c in checks), file=fall.name)

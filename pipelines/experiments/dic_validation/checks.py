@@ -1,8 +1,7 @@
 """Checks of a film of a falling holder: its frames and light, view, free fall, bounces, and the laser."""
 
 from collections.abc import Iterator
-from math import hypot, nan
-from typing import Any
+from math import hypot
 
 import numpy as np
 import xarray as xr
@@ -56,12 +55,6 @@ _FAILED |= {
     "(as in a film that was turned or mirrored)",
 }
 FOUND, SIZE = "holder is found", "size of the image"
-_EXPLAINED = {
-    FOUND: ("step motion",),
-    "times of the frames": ("step bounces",),
-    SIZE: ("step bounces", "coefficients of restitution", HEIGHT),
-}
-"""Checks that fail for the cause of another one."""
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 TITLES = {
     **judgements.OF_FILM,
@@ -85,11 +78,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     if track is not None:
         checks += _of_frames(track, whole, settings)
     checks += given.each((_times, _fall))
-    for check in checks:
-        if check.level in ("doubtful", "impossible") and check.name in _EXPLAINED:
-            changes: dict[str, Any] = {"log_ratio": nan, "file": settings.film, "setting": ""}
-            checks = judgements.because(checks, check.cause, *_EXPLAINED[check.name], **changes)
-    checks = fall_checks.backwards(checks)
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings, laser)), given.each([rows]), basis=basis, unstated=another)

@@ -47,7 +47,7 @@ TITLES = {
         ("storage and loss belong together",),
     ),
     "temperature": Title(
-        "Temperature is constant within a sweep, and moduli fall as it rises.",
+        "Temperatures are measured, in °C, and moduli fall as they rise.",
         ("temperatures", "temperature is measured", "order with temperature"),
     ),
     "one specimen": Title("All files are of one specimen.", ("files of one specimen",)),

@@ -108,10 +108,9 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
         # effects are factors: seen from the geometric mean, two drops that predict each other differ by as much
         middle = float(np.sqrt(amplitude[i] * expected))
         moves = -middle * (np.eye(amplitude.size)[i] - weights[i])
-        slopes: dict[str, float] = {}
-        for j in map(int, np.flatnonzero(moves)):
-            slopes[f"{SERIES} {j + 1}"] = float(-moves[j])
-            slopes[height_name(settings, j)] = float(0.5 * moves[j] / settings.drops[j].height.value)
+        others = [int(j) for j in np.flatnonzero(moves)]
+        slopes = {f"{SERIES} {j + 1}": float(-moves[j]) for j in others}
+        slopes |= {height_name(settings, j): float(0.5 * moves[j] / settings.drops[j].height.value) for j in others}
         by_others = np.linalg.norm(weights[i] * total)
         yield row(
             "amplitude at impact",

@@ -49,9 +49,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
         drops = [_Drop(settings, solid, settings.drops[i].height.value) for i, solid in known.items()]
         each = np.array([drop.heard(substrate, frequency, zeta)[0] for drop in drops]) / scale
         own = each * relative
-        mass, _, ratio = weighted_mean(each, own)
-    weights = own**-2.0 / np.sum(own**-2.0)
-    scatter = np.sqrt(max(1.0, ratio)) * np.linalg.norm(weights * own)
+        mass, scatter, _ = weighted_mean(each, own)
     shared = float(table.attrs["u_systematic_relative"])
     shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value)) * mass
     made = made.assign(with_u("mass", (), mass, float(np.hypot(scatter, shared)), "kg", NAMES["modal_mass"]))

@@ -6,7 +6,7 @@ contact lasts as long as the stated sphere makes it. A factor in time or length 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, log, nan, pi
+from math import hypot, isfinite, log, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,6 @@ from scipy import special
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
-from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
@@ -109,22 +108,14 @@ def restitution(fall: Fall) -> Check:
     return replace(found, cause=BACKWARDS if is_backwards else _MOVED)
 
 
-def backwards(checks: Sequence[Check]) -> list[Check]:
-    """Return checks; a record that runs backwards in time is the cause of a wrong height."""
-    found = next((check for check in checks if check.cause == BACKWARDS), None)
-    if found is None:
-        return list(checks)
-    return judgements.because(checks, BACKWARDS, HEIGHT, log_ratio=nan, file=found.file, setting="")
-
-
-def rest_level(fall: Fall, sag: float) -> Check:
-    """Compare the level at rest with that of the first touch, less the static approach ``sag`` [m]."""
+def rest_level(fall: Fall) -> Check:
+    """Compare the level at rest with that of the first touch; no weight approaches a floor as far as an impact does."""
     name, (rest, u_rest), (touch, u_touch) = "level at rest", fall.value("rest_level"), fall.value("contact_level")
     if not isfinite(rest):
         return not_made(name, "a record that lasts until rest")
     gap, u, deepest = rest - touch, hypot(u_rest, u_touch), float(np.nanmax(fall.values("penetration")))
     text = f"{fall.name}: rest is {shown(gap, u, 'm')} from first touch"
-    return compared(name, text, gap, u, -sag, sag, allowance=max(deepest, 3 * sag), factor=False, file=fall.name)
+    return compared(name, text, gap, u, 0.0, 0.0, allowance=deepest, factor=False, file=fall.name)
 
 
 class Repeated(NamedTuple):
