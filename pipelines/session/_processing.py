@@ -357,8 +357,8 @@ def report(folder: str | Path, experiment: str) -> Report:
     session = reopen_session(folder)
     path = session.folder / page_name(experiment)
     if experiment not in session.experiments or not path.is_file():
-        known = ", ".join(session.experiments)
-        raise InputError(f'there is no report of "{experiment}" yet; run: labpipe process {folder} (there are {known})')
+        known = f"experiments: {', '.join(session.experiments)}"
+        raise InputError(f'there is no report of "{experiment}" yet; run: labpipe process {folder} ({known})')
     return Report(experiment, path)
 
 

@@ -1,7 +1,7 @@
-"""A processed session as a data package for a journal or a repository: an RO-Crate with checksums.
+"""A processed session as a data package for a journal or a repository, an RO-Crate with checksums; or as one zip file.
 
-It holds ``data`` (``session.toml`` and every file that it names), ``results`` (netCDF of the CF conventions, and a
-table of all quantities), ``pages``, ``methods.md``, ``references.bib``, ``requirements.txt`` (a lock of the
+The package holds ``data`` (``session.toml`` and every file that it names), ``results`` (netCDF of the CF conventions,
+and a table of all quantities), ``pages``, ``methods.md``, ``references.bib``, ``requirements.txt`` (a lock of the
 environment), ``ro-crate-metadata.json``, and ``SHA256SUMS``, which ``sha256sum --check`` reads.
 S. Soiland-Reyes et al., Data Science 5 (2022) 97, https://doi.org/10.3233/DS-210053.
 """

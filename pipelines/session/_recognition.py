@@ -106,7 +106,7 @@ def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
     traits = lambda n: (folder / n).stat().st_size, begin, lambda n: files.digest(folder / n)
     groups = [sorted(names, key=lambda n: (bool(_COPY.search(n)), n.count("/"), len(n), n))]
     for trait in traits:  # each is asked only of files that are alike so far
-        known = [sorted(((trait(n), i, n) for i, n in enumerate(group))) for group in groups if len(group) > 1]
+        known = [sorted((trait(n), i, n) for i, n in enumerate(group)) for group in groups if len(group) > 1]
         groups = [[n for *_, n in alike] for one in known for _, alike in groupby(one, key=lambda row: row[0])]
     return {copy: first for first, *copies in groups for copy in copies}
 
