@@ -140,3 +140,14 @@ def test_velocity_follows_a_change_of_units(displacement_of, scale, shift, stret
 def test_other_than_a_displacement_is_refused_with_a_remedy(record, remedy):
     with pytest.raises(InputError, match=remedy):
         velocity(record)
+
+
+def test_sensor_that_averages_is_recognised(bouncing, displacement_of):
+    time = np.arange(0.0, 0.5, 2e-5)
+    position, speed = bouncing(**ACRYLIC).sample(time)
+    white = np.random.default_rng(1).standard_normal(len(time) + 3)
+    noise = 2e-6 * np.convolve(white, np.full(4, 0.25), "valid")
+    result = velocity(displacement_of(time, position + noise))
+    assert result.attrs["noise_block"] > 1
+    assert result.attrs["noise"] == pytest.approx(2e-6, rel=0.25)
+    assert 0.7 < rms((result.values - speed) / result["u_velocity"].values) < 1.4
