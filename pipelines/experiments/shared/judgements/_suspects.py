@@ -184,12 +184,8 @@ def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
     sizes = [(agreement(each.differences, compared.covariance).chi2, each) for each in known]
     best = sorted((one for one in sizes if one[0] < (1 - _MOST) * chi2), key=lambda one: one[0])
     close = [(size, each) for size, each in best if size < best[0][0] + max(_CLOSE, best[0][0])]
-    told = [f"{each.sentence}; {_share(1 - size / chi2)}" for size, each in close]
+    told = [f"{each.sentence}; that would explain {100 * (1 - size / chi2):.0f}{TIED}% of it" for size, each in close]
     return [*told, f"or {scene.another_material}"] if len(close) == 1 and close[0][1].is_excluded else told
-
-
-def _share(share: float) -> str:
-    return f"that would explain {100 * share:.0f}{TIED}% of it"
 
 
 def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
@@ -239,4 +235,4 @@ def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str
     if not likely or (len(likely) > 1 and abs(log(likely[1].factor)) < 1.5 * abs(log(likely[0].factor))):
         return []
     best = likely[0]  # the smallest of the factors that explain as much
-    return [f"{best.sentence}; {_share(best.share)}", *[f"or {scene.another_material}"] * (_MODULUS in compared.names)]
+    return [best.sentence, *[f"or {scene.another_material}"] * (_MODULUS in compared.names)]
