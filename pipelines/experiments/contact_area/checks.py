@@ -243,6 +243,8 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     if not isfinite(longest):
         return not_made(DURATION, "a frame before and one after the first contact")
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
+    if shortest > 0.0:  # bounds far apart, with undecided frames between them, are a bound of the logarithm
+        seen, own = sqrt(shortest * longest), sqrt(shortest * longest / 24.0) * log(longest / shortest)
     a, u_a = (float(impacts[name][0]) for name in ("peak_radius", "u_peak_radius"))
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
     height, body = settings.height, settings.sphere.radius
