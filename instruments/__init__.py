@@ -1,9 +1,8 @@
 """Instruments: recognising, reading and writing their files; one package each.
 
-:func:`read` recognises the instrument by the content of a file, never from its name. Each room is a
-package whose ``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
-they are asked. Other distributions add theirs by entry points of the group
-``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
+:func:`read` recognises the instrument by the content of a file, never from its name. Each room is a package whose
+``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which they are asked. Those of
+other distributions, by entry points of the group ``labpipe.instruments``, are asked after ours.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.frames import FrameSource
-
 
 __all__ = ["BUILD", "CONTENTS", "HEAD_BYTES", "OURS", "Content", "Instrument", "NoOptions", "Options", "added"]
 __all__ += ["by_name", "identify", "known", "read", "read_table", "sheets", "text_of"]

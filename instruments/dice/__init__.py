@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 else:
     __getattr__ = lazily(__name__)
 
+_UNPROPOSED = "displacements that another program correlated are read, drawn and exported, but no kind of experiment "
+_UNPROPOSED += "begins from them; name the film that they were made of instead"
+
 
 class Options(TypedDict, total=False):
     """Options for a run of DICe; see :func:`read`."""
@@ -25,8 +28,12 @@ def _sniff(head: bytes, path: Path) -> bool:
     return b"COORDINATE_X" in head and b"DISPLACEMENT_X" in head
 
 
-_UNPROPOSED = "displacements that another program correlated are read, drawn and exported, but no kind of experiment "
-_UNPROPOSED += "begins from them; name the film that they were made of instead"
 INSTRUMENT = Instrument(
-    "dice", "displacement field of DICe", "displacement_field", _sniff, "instruments.dice:read", Options, _UNPROPOSED
+    name="dice",
+    title="displacement field of DICe",
+    content="displacement_field",
+    sniff=_sniff,
+    reader="instruments.dice:read",
+    options=Options,
+    unproposed=_UNPROPOSED,
 )

@@ -2,8 +2,10 @@
 
 import errno
 import os
+import random
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from labpipe import files
 from labpipe.workflow import events, provenance, runner
 from labpipe.workflow.watch import Watcher
 from tests.by_day import by_day, crossed
-from tests.faults.crashes import failing, moments, operations
+from tests.faults.crashes import failing, killed_after, moments, operations
 from tests.labpipe.workflow import toy_laboratory as toy
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -50,6 +52,23 @@ def test_a_file_is_the_old_or_the_new_one_at_every_moment(tmp_path: Path, kind: 
         assert path.read_bytes() in contents
         write(path, 2.0)
         assert path.read_bytes() == contents[1]
+
+
+def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(tmp_path: Path, amount: Amount) -> None:
+    path = tmp_path / "result.nc"
+    contents = []
+    for value in (1.0, 2.0):
+        start = time.perf_counter()
+        files.write_dataset(path, dataset(value, 200_000))
+        took = time.perf_counter() - start
+        contents.append(path.read_bytes())
+    rng = random.Random(5)
+    cut = 0
+    for _ in range(amount(6, 600)):
+        path.write_bytes(contents[0])
+        cut += killed_after(rng.uniform(0.0, took), lambda: files.write_dataset(path, dataset(2.0, 200_000)))
+        assert path.read_bytes() in contents
+    assert cut
 
 
 @pytest.fixture

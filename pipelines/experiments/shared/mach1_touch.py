@@ -12,7 +12,6 @@ normal; so it is summed over both.
 
 import numpy as np
 import xarray as xr
-from scipy.signal import fftconvolve, sosfilt
 
 from labpipe.arrays import Floats
 from labpipe.signals import first_touch, independent_count
@@ -69,6 +68,8 @@ def _likelihood(
     places: Floats, position: Floats, force: Floats, rough: float, sections: Floats | None, step: float
 ) -> Floats:
     """Return the logarithm of the likelihood (power, place) of places, for the best level and stiffness."""
+    from scipy.signal import fftconvolve, sosfilt
+
     unit = max(float(position.max()) - rough, _STEP)
     fine = np.interp(np.arange((position.size - 1) * FINENESS + 1) / FINENESS, np.arange(position.size), position)
     free, centred = force[position < rough - unit], force - force.mean()

@@ -18,7 +18,6 @@ from labpipe import contact
 from labpipe.arrays import Floats, Integers
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
-from labpipe.identification import lee_radok_basis
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
@@ -170,6 +169,8 @@ def simulated(
     number of tips has no uncertainty, but can be stated wrongly. And ``force`` (sample,) [N] before the cell's filter
     with its ``u_``; attributes say how it was made.
     """
+    from labpipe.identification import lee_radok_basis
+
     time = mach1_readings.clock(loads)
     if np.any(np.diff(time) < 0):
         raise InputError("the blocks of the file overlap in time; their start times cannot be right")

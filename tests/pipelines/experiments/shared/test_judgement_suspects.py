@@ -92,7 +92,7 @@ def test_a_wrong_count_is_named_by_the_right_one() -> None:
         for size in (10.0, 20.0, 30.0)
     ]
     first = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])[0]
-    assert first.startswith("number of tips is probably 3, not 1; that would explain 100")
+    assert first == "number of tips is probably 3, not 1"
 
 
 @pytest.mark.parametrize(("height", "model"), [(5e-3, "undecided"), (5.125e-3, "differs")])
