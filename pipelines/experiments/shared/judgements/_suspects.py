@@ -1,32 +1,19 @@
 """Explanations of a model that differs: a value that was stated wrongly, or another material."""
 
 from collections.abc import Mapping, Sequence, Set
-from math import inf, log, nan
+from math import exp, inf, isclose, log
 from typing import NamedTuple
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import (
-    DOUBTFUL,
-    IMPOSSIBLE,
-    SLIPS,
-    Cause,
-    Check,
-    Judgement,
-    agreement,
-    explain,
-    fitted_errors,
-    in_words,
-    model_verdict,
-)
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, SLIPS, Judgement, agreement, fitted_errors, in_words, model_verdict
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import TIED, of_error
 from pipelines.experiments.shared.judgements._scene import Scene
-from pipelines.experiments.shared.judgements._usual import times_over
 from pipelines.experiments.shared.material_choice import is_unstated
 
 _LINEAR, _FAR = 0.3, 20.0
@@ -35,6 +22,7 @@ _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
+_NO_GRADE = 5.0  # between moduli of two grades of one polymer
 _MODULUS = "modulus"
 """Input of a material: its u is 0 where it is known by its name alone."""
 _MOST, _MUCH, _SOME = 0.8, 0.5, 0.2
@@ -113,15 +101,16 @@ class _Error(NamedTuple):
             return False
         return not self.given.value or abs(self.size) <= max(_LINEAR * abs(self.given.value), _FAR * self.given.u)
 
-    @property
-    def sentence(self) -> str:
-        """By how much the input would have to be stated wrongly."""
+    def sentence(self, alike: "Sequence[_Error]" = ()) -> str:
+        """Say by how much the input would have to be stated wrongly; others that are ``alike`` explain as much."""
+        others = f" (or {', '.join(other.name for other in alike)})" * bool(alike)
         by, u = quantity(abs(self.size), of_error(self.given.si)), "stated" if self.given.u else "usual"
         if self.given.si == "1" and self.given.value:
             by = f"{in_words(100 * abs(self.size / self.given.value), 2)} %"
-        said = f"{self.name} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
+        said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
+        said += f"{100 * self.share:.0f} % of it"
         far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
-        return f"{said}{100 * self.share:.0f} % of it{far * self.is_excluded}"
+        return said + far * self.is_excluded
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -171,21 +160,34 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
     near.sort(key=lambda error: (error.is_excluded, error not in close, error.n_u))
-    distant = {error.name for error in close if not error.is_near}
+    distant = [error.name for error in close if not error.is_near]
     if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_excluded for e in near):
-        told = [f"probably {scene.another_material}"]
-    return [*told, *(error.sentence for error in near)][:_SUSPECTS] or [_UNEXPLAINED]
+        others = " or ".join(name for name in distant if name != _MODULUS)
+        told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
+    while near:
+        first, *rest = near
+        alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_excluded == first.is_excluded]
+        told.append(first.sentence(alike))
+        near = [error for error in rest if error not in alike]
+    return told[:_SUSPECTS] or [_UNEXPLAINED]
 
 
 def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
-    """Name the other material or temperature that explains most of a difference."""
+    """Name the other material or temperature that explains most of a difference.
+
+    After a temperature that its stated uncertainty excludes, a material that is in no library is named.
+    """
     found = [] if scene.alternatives is None else scene.alternatives(compared.rows, compared.covariance)
     known = [each for each in found if np.isfinite(each.differences).all()]
     sizes = [(agreement(each.differences, compared.covariance).chi2, each) for each in known]
     best = sorted((one for one in sizes if one[0] < (1 - _MOST) * chi2), key=lambda one: one[0])
     close = [(size, each) for size, each in best if size < best[0][0] + max(_CLOSE, best[0][0])]
-    told = [f"{each.sentence}; that would explain {100 * (1 - size / chi2):.0f}{TIED}% of it" for size, each in close]
+    told = [f"{each.sentence}; {_share(1 - size / chi2)}" for size, each in close]
     return [*told, f"or {scene.another_material}"] if len(close) == 1 and close[0][1].is_excluded else told
+
+
+def _share(share: float) -> str:
+    return f"that would explain {100 * share:.0f}{TIED}% of it"
 
 
 def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
@@ -202,37 +204,63 @@ def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
 
 
 def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str]) -> list[str]:
-    """Name the stated value that is probably another by a usual factor: a diameter for a radius, a decimal, a unit."""
-    # contacts follow power laws: logarithms of positive rows are linear in those of the inputs over large factors
-    inputs, checks = scene.inputs, list[Check]()
-    effects: dict[str, dict[str, float]] = {name: {} for name in compared.names}
-    for i, (row, slopes, variance) in enumerate(
-        zip(compared.rows, compared.slopes, np.diagonal(compared.covariance), strict=True)
-    ):
-        measured, model = row.measured or 0.0, row.model or 0.0
-        if measured * model > 0.0:
-            u = float(np.sqrt(variance / (measured * model)))
-            ratio = log(measured / model)
-            checks.append(Check(str(i), "", "doubtful" if abs(ratio) > DOUBTFUL * u else None, nan, ratio, u))
-            # a slope is that of what comes from the inputs: where no model is compared, of the measured value
-            moved = model if row.against == "model" else measured
-            for name, slope in zip(compared.names, slopes.tolist(), strict=True):
-                effects[name][str(i)] = slope * inputs[name].value / moved
-    causes, solid = list[Cause](), {_MODULUS, STIFFNESS} if scene.measured_by else set[str]()
-    for name in (name for name in compared.names if name not in confirmed and inputs[name].value > 0.0):
-        given, is_count = inputs[name], name.startswith(_COUNT)
-        # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
-        if is_count or given.si not in _NO_SLIP:
-            counts = tuple(given.value / n for n in range(1, _MOST_COUNTED + 1) if n != given.value)
-            usual = counts if is_count else SLIPS[_SLIPS_OF.get(given.si, "value")]
-            say = times_over(name, given.value, given.si, "")
-            causes.append(Cause(effects[name], say, usual, only_usual=True, slack=_BENT))
-        elif not given.u and name in close - solid:
-            return []
-    ranked = explain(checks, causes)
-    likely = [one for one in ranked if one.score < ranked[0].score + _CLOSE]
-    likely.sort(key=lambda one: abs(log(one.factor)))
-    if not likely or (len(likely) > 1 and abs(log(likely[1].factor)) < 1.5 * abs(log(likely[0].factor))):
+    """Name which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
+
+    Contacts follow power laws (Hertz: a duration goes with m^0.4 R^-0.2): logarithms of positive rows are linear in
+    those of the inputs over large factors. Where an input that has no uncertainty, such as a modulus that nobody
+    measured, would do the same, none is named but by a factor that no grade of a material makes; nor is a value
+    that a check of the record has confirmed.
+    """
+    inputs, names = scene.inputs, compared.names
+    pairs = [(row.measured or 0.0, row.model or 0.0) for row in compared.rows]
+    kept = [i for i, (measured, model) in enumerate(pairs) if measured * model > 0.0]
+    if not kept:
         return []
-    best = likely[0]  # the smallest of the factors that explain as much
-    return [best.sentence, *[f"or {scene.another_material}"] * (_MODULUS in compared.names)]
+    measured, model = np.array(pairs)[kept].T
+    scale, ratio = np.sqrt(measured * model), np.log(measured / model)
+    covariance = compared.covariance[np.ix_(kept, kept)] / np.outer(scale, scale)
+    if np.sum(ratio**2 / np.diagonal(covariance)) < DOUBTFUL**2:
+        return []  # rows that differ together alone are off by no such factor
+    # a slope is that of what comes from the inputs: where no model is compared, of the measured value
+    moved = np.where([compared.rows[i].against == "model" for i in kept], model, measured)
+    powers = compared.slopes[kept] * np.array([inputs[name].value for name in names]) / moved[:, None]
+    largest = dict(zip(names, np.abs(powers).max(axis=0), strict=True))
+    # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
+    counts = {name for name in names if name.startswith(_COUNT)}
+    typed = {name for name in names if inputs[name].value > 0.0 and inputs[name].si not in _NO_SLIP} | counts
+    solid = {_MODULUS, STIFFNESS} if scene.measured_by else set()
+    free = {name for name in names if not inputs[name].u} - typed - solid
+    best = dict(zip(names, fitted_errors(ratio, powers, covariance)[0].tolist(), strict=True))
+    found: list[tuple[float, float, float, str]] = []  # score, size of its logarithm, share, name
+    for name in sorted(typed - confirmed):
+        factors = SLIPS[_SLIPS_OF.get(inputs[name].si, "value")]
+        if name in counts:
+            factors = tuple(inputs[name].value / n for n in range(1, _MOST_COUNTED + 1) if n != inputs[name].value)
+        elif free:  # where another input may have any value, a check names what is out of all proportion
+            factors = tuple(k for k in factors if abs(log(k)) <= log(10.0))
+        place = min(map(log, factors), key=lambda place: abs(place - best[name]))
+        if abs(place - best[name]) > 2.0 * _BENT * abs(place):
+            continue
+        shift = place * powers[:, names.index(name)]
+        # effects leave their power law over such a factor, those of small powers by as much as others
+        bent = np.diag((_BENT * shift) ** 2 + (_BENT**2 * np.abs(shift).max()) ** 2)
+        before, left = (agreement(rest, covariance + bent).chi2 for rest in (ratio, ratio - shift))
+        if left < (1.0 - _MOST) * before:
+            vague = float(np.linalg.slogdet(covariance + bent)[1])
+            found.append((left + vague, abs(place), 1.0 - left / before, name))
+    likely = [one for one in found if one[0] < min(found)[0] + _CLOSE]
+    least = min((size for _, size, *_ in likely), default=0.0)
+    likely = [one for one in likely if one[1] < 1.5 * least]
+    if len(likely) != 1:
+        return []
+    ((_, size, share, name),) = likely
+    factor = exp(size if best[name] > 0.0 else -size)
+    if free & close and largest[name] * size < largest.get(_MODULUS, inf) * log(_NO_GRADE):
+        return []
+    right, given = (
+        f"{value:.0f}" if name in counts else quantity(value, inputs[name].si)
+        for value in (inputs[name].value / factor, inputs[name].value)
+    )
+    why = ": its diameter was typed" if "radius" in name and isclose(factor, 2.0) else ""
+    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}"]
+    return [*said, f"or {scene.another_material}"] if _MODULUS in names else said

@@ -92,7 +92,7 @@ def test_a_wrong_count_is_named_by_the_right_one() -> None:
         for size in (10.0, 20.0, 30.0)
     ]
     first = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])[0]
-    assert first == "number of tips is probably 3, not 1"
+    assert first.startswith("number of tips is probably 3, not 1; that would explain 100")
 
 
 @pytest.mark.parametrize(("height", "model"), [(5e-3, "undecided"), (5.125e-3, "differs")])
@@ -191,6 +191,22 @@ def test_a_model_agrees_by_no_value_that_is_doubtful_itself() -> None:
     mass = stated("mass", "505 kg", "doubtful", setting="sphere.mass")
     found = judgement(Scene([mass], rows=_rows(temperature=0.2), inputs=INPUTS | {"mass": Quantity(505.0, 0.5, "kg")}))
     assert found.attrs["model"] == "undecided"
+
+
+@pytest.mark.parametrize("u", [0.0, 0.01])
+def test_a_mass_is_named_whether_its_uncertainty_is_stated_or_not_and_no_size_is_wrong_by_a_turn(u):
+    powers = {"mass": (0.2, 0.4), "radius": (0.4, -0.2)}
+    inputs = {"mass": Quantity(5.05, u, "kg"), "radius": Quantity(9.525e-3, 5e-6, "m")}
+    for name, factor, words in (("mass", 10.0, "mass is probably 505 g"), ("radius", 2 * np.pi, "")):
+        made = []
+        for i, model in enumerate((4e-4, 1e-3)):
+            slopes = {n: -powers[n][i] * model / inputs[n].value for n in inputs}
+            measured = model * factor ** -powers[name][i]
+            u = 1e-3 * model
+            values = {"measured": (measured, u), "model": (model, 0.0), "difference": (measured - model, u)}
+            made.append(row("size", "m", 3, slopes=slopes, **values))
+        told = json.loads(judgement(Scene((), rows=made, inputs=inputs)).attrs["suspects"])
+        assert told[0].startswith(words) if words else not any("radius is probably" in text for text in told)
 
 
 def test_a_factor_of_ten_is_found_where_some_rows_hardly_move() -> None:
