@@ -1,6 +1,5 @@
 """Many sessions as one table: what is listed, what is read again, and what a query may do."""
 
-import json
 import re
 import shutil
 from collections.abc import Sequence
@@ -8,10 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
-from pipelines.commands.results import catalogue as command
 from pipelines.session import catalogue, process, result
 from pipelines.session._catalogue import CATALOGUE
 
@@ -121,14 +118,3 @@ def test_a_foreign_file_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="not a catalogue of labpipe"):
         catalogue([tmp_path])
     assert (tmp_path / CATALOGUE).read_bytes() == content
-
-
-def test_the_command_prints_a_table_and_json(sessions: Path) -> None:
-    run = CliRunner().invoke(command, [str(sessions), "--where", "kind = 'ball_drop'"])
-    assert run.exit_code == 1  # one session is broken
-    assert "height [m]" in run.stdout
-    assert "2 rows; 0 sessions read, 2 unchanged" in run.stdout
-    assert "broken: " in run.stderr
-    run = CliRunner().invoke(command, [str(sessions), "--table", "columns", "--json"])
-    document = json.loads(run.stdout)
-    assert {"name": "height", "unit": "m"} in document["rows"]
