@@ -1,7 +1,5 @@
 """The command line as a user meets it: outputs, exit codes, JSON, and what it does not import."""
 
-import importlib.machinery
-import importlib.util
 import json
 import os
 import re
@@ -11,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.workflow import engines
 from pipelines.cli import COMMANDS, main
 
 HEAVY = ("numpy", "scipy", "xarray", "pandas", "matplotlib", "numba", "cv2", "netCDF4")
@@ -128,13 +125,6 @@ def test_an_option_that_there_is_not_is_usage(
         assert (code, said in err) == (2, True), err
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
-def test_a_named_pipe_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.csv")
-    code, _, err = run(capsys, "inspect", str(tmp_path / "a.csv"))
-    assert (code, "is a named pipe, expected a file" in err) == (3, True), err
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -205,15 +195,6 @@ def test_a_foreign_package_of_our_name_is_told(tmp_path: Path, name: str, source
         assert "Traceback" not in done.stderr
 
 
-def test_a_package_that_another_one_took_away_is_told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for found in (None, importlib.machinery.ModuleSpec("instruments", None, is_package=True)):
-        monkeypatch.setattr(importlib.util, "find_spec", lambda _, found=found: found)
-        code, _, err = run(capsys, "doctor")
-        assert (code, "`instruments` of labpipe is missing or has lost its files" in err) == (3, True)
-
-
 @pytest.mark.slow
 def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
     capsys: pytest.CaptureFixture[str], session_copy: Path
@@ -225,19 +206,6 @@ def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
     code, out, err = run(capsys, "demo", str(session_copy), "--json")
     assert code == 0, err
     assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
-
-
-def test_as_many_experiments_run_side_by_side_as_there_are_processors(
-    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def jobs() -> int:
-        assert run(capsys, "process", str(session_copy))[0] == 0
-        events = map(json.loads, (session_copy / "labpipe/run.jsonl").read_text().splitlines())
-        return [event["jobs"] for event in events if event["event"] == "run started"][-1]
-
-    for available, used in ((3, 3), (64, 8)):
-        monkeypatch.setattr(engines, "processors", lambda count=available: count)
-        assert jobs() == used
 
 
 def test_several_sessions_are_one_document_and_a_broken_one_stops_no_other(

@@ -109,23 +109,6 @@ def test_awkward_series_are_packed_and_drawn_without_a_warning(series):
             assert curve(packed) == pytest.approx(series.y, rel=6e-8, nan_ok=True)
 
 
-def test_a_still_picture_leaves_out_what_shows_on_hover_only():
-    steady = Series("a", [1, 2], [1, 2])
-    hovered = Series("b", [1, 2], [5, 6], on_hover=True)
-    both = thin(chart(steady, hovered), 10**6)
-    assert static_picture(both) == static_picture(thin(chart(steady), 10**6))
-    assert [s["onHover"] for s in pack(both)["series"]] == [False, True]
-
-
-def test_a_curve_alone_is_drawn_whole_and_keeps_the_colour_of_its_role():
-    alone = pack(thin(chart(Series("a", [1, 2], [1, 2], role="model")), 10**6))["series"][0]
-    beside = chart(Series("b", [1, 2], [0, 0]), Series("a", [1, 2], [1, 2], role="model"))
-    dashed = pack(thin(beside, 10**6))["series"][1]
-    assert alone["dash"] == []
-    assert dashed["dash"] != []
-    assert alone["light"] == dashed["light"]
-
-
 def test_a_family_takes_its_colours_from_a_scale_and_is_named_at_its_ends():
     """Twenty-one temperatures have as many colours, in their order, and none has the dashes of a role."""
     x = np.geomspace(0.1, 10, 9)
