@@ -65,9 +65,6 @@ def test_comparing_stored_results_needs_no_compiler() -> None:
     assert asked(code) == "[]"
 
 
-# --- quantities and materials --------------------------------------------------------------------
-
-
 def test_texts_with_units_equal_numbers_in_si() -> None:
     acrylic = lp.material("acrylic")
     written = lp.drop("acrylic", "9.525 mm", "505 g", "1.5 mm", "30 ms", gravity="9.81 m/s2")
@@ -120,24 +117,6 @@ def test_millimetres_given_as_metres_are_warned_of_with_the_text_to_use() -> Non
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         lp.drop("acrylic", radius="9.525 m", mass="505 kg", height="7 m", duration=0.5)
-
-
-# --- what is returned shows itself ---------------------------------------------------------------
-
-
-def test_a_master_curve_comes_from_an_export_in_two_lines(tmp_path: Path) -> None:
-    from pipelines.rig.dma import Protocol, write_dma
-    from pipelines.rig.solids import SOLIDS
-
-    protocol = Protocol(temperatures=(0.0, 10.0, 20.0, 30.0))
-    file = write_dma(tmp_path, "acrylic", SOLIDS["acrylic"], protocol, 1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        curve = lp.master_curve(lp.read(tmp_path / file), T_ref="20 °C", nu=0.35)
-    assert isinstance(curve, lp.MasterCurve)
-    assert lp.material(curve) is curve.prony
-    assert repr(curve).startswith("Master curve at 20 °C")
-    assert curve._repr_html_().count("<tr>") == 5
 
 
 def test_verbs_on_a_session_show_what_they_found(processed_session: Path, tmp_path: Path) -> None:

@@ -74,15 +74,6 @@ def test_a_long_recording_fits_its_bytes_and_keeps_every_sample_of_an_impact():
     assert "of 1000000 samples" in thinned.notes[0]
 
 
-def test_what_a_logarithmic_axis_cannot_show_is_counted():
-    log = chart(Series("a", [0.0, 1.0, 10.0, 100.0], [1.0, -1.0, 2.0, 3.0]), x_scale="log", y_scale="log")
-    thinned = thin(log, 10**6)
-    assert thinned.notes == ("2 points are not shown: zero or negative on a logarithmic axis.",)
-    assert thinned.series[0].x.tolist() == [1.0, 10.0, 100.0]
-    assert np.isnan(thinned.series[0].curves[0][0])
-    assert static_picture(thinned)
-
-
 @pytest.mark.parametrize(
     "series",
     [

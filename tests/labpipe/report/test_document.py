@@ -225,15 +225,6 @@ def test_a_page_that_pictures_make_too_large_says_so():
         document.render(max_bytes=100_000)
 
 
-def test_sections_have_anchors_of_their_own():
-    titles = ("Überblick", "Überblick", "µm!", "日本", "chart-1")
-    page = Document("d", sections=[Section(t) for t in titles], home="../index.html").render()
-    assert '<a href="../index.html">' in page
-    anchors = re.findall(r'<section id="([^"]*)"', page)
-    assert anchors == ["uberblick", "uberblick-2", "m", "section", "section-chart-1"]
-    assert re.findall(r'<a href="#([^"]*)"', page) == anchors
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [

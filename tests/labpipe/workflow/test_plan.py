@@ -12,7 +12,6 @@ from labpipe.workflow.plan import Plan, plan
 from labpipe.workflow.results import RunResult
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store
 
 
 @pytest.fixture
@@ -132,17 +131,6 @@ def test_targets_need_only_what_is_behind_them(tmp_path: Path) -> None:
     assert done(result) == {name.format(s) for name in files for s in ("read", "scale")}
 
 
-def test_what_is_gone_but_not_needed_is_not_made_again(session: Session) -> None:
-    store = Store(session.folder)
-    for row in plan(session, toy.STAGES, targets=["read"]).rows:
-        key = plan(session, toy.STAGES).keys[row.task].value
-        assert key is not None
-        store.quarantine(key)
-    assert not_cached(plan(session, toy.STAGES, targets=["mean"])) == {}
-    found = not_cached(plan(session, toy.STAGES, only=["nbr"]))
-    assert found == {"nbr/read [laser/r3.txt]": "will run: result is gone"}
-
-
 def test_an_unreadable_input_is_the_reason_of_its_row(tmp_path: Path) -> None:
     session = toy.make_session(tmp_path)
     (tmp_path / "laser" / "r1.txt").unlink()
@@ -162,10 +150,3 @@ def test_experiments_in_a_circle_are_refused_at_their_line(tmp_path: Path) -> No
     session = toy.make_session(tmp_path, text.split("[experiments.rubber]")[0])
     with pytest.raises(ConfigError, match=r"session.toml:(8|13): experiments\.\w+\.mat.*circle"):
         plan(session, stages)
-
-
-def test_a_reference_to_a_kind_without_the_stage_is_refused_at_its_line(tmp_path: Path) -> None:
-    text = toy.TOML.replace('material = "rubber"', 'material = "acrylic"')
-    session = toy.make_session(tmp_path, text)
-    with pytest.raises(ConfigError, match=r'session.toml:12: .* no stage "curve"'):
-        plan(session, toy.STAGES)

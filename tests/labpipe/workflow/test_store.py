@@ -91,18 +91,6 @@ def test_damage_is_noticed_set_aside_and_repaired(store: Store, damage: str) -> 
     assert store.state(KEY) == "stored"
 
 
-def test_a_store_check_names_what_is_damaged_and_moves_nothing(store: Store) -> None:
-    assert store.check() == []
-    path = object_path(store, ".nc")
-    path.write_bytes(path.read_bytes()[:-1])
-    (store.root / "ab").mkdir(exist_ok=True)
-    (store.root / "ab" / "notes.json").write_text("{}")
-    problems = store.check()
-    assert len(problems) == 2
-    assert any(KEY in problem for problem in problems)
-    assert path.exists()
-
-
 def test_parts_are_removed_unless_somebody_is_writing(store: Store) -> None:
     part = store.root / "ab" / ".0123.part"
     part.parent.mkdir(exist_ok=True)

@@ -1,6 +1,5 @@
 """Many sessions as one table: what is listed, what is read again, and what a query may do."""
 
-import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,16 +39,6 @@ def test_experiments_are_listed_with_parameters_and_numbers(sessions: Path) -> N
     expected = result(sessions / "monday", str(found["experiment"][1]), "repeats")["restitution"]
     assert found["first_restitution"][1] == float(expected[0])
     assert found["first_restitution"].isna()[0]
-
-
-def test_a_material_from_dma_is_found_by_the_polymer(sessions: Path, tmp_path: Path) -> None:
-    shutil.copytree(sessions / "monday", tmp_path / "monday", ignore=shutil.ignore_patterns("labpipe"))
-    toml = tmp_path / "monday" / "session.toml"
-    text = toml.read_text("utf-8")
-    dma = '\n[experiments.pmma_sweep]\nkind = "dma"\nrheometer = ["sweep.csv"]\nmode = "tension"\nnu = 0.35\n'
-    toml.write_text(re.sub(r"(?m)^material = .*$", 'material_from = "pmma_sweep"', text, count=1) + dma, "utf-8")
-    (tmp_path / "monday" / "sweep.csv").touch()
-    assert set(catalogue([tmp_path], where="material = 'acrylic'").table["kind"]) == {"ball_drop"}
 
 
 def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from instruments import keyence
 from instruments.keyence._markers import Status
-from labpipe.errors import SourceError, UsageError
+from labpipe.errors import SourceError
 from labpipe.frames import ArrayFrames
 from pipelines.session import describe, inspect, write_sheet
 from pipelines.session._inspection import film
@@ -90,11 +90,3 @@ def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_
     images = np.zeros((20, 4, 8), np.uint8)
     gap = film(ArrayFrames(images, time=np.r_[np.arange(10.0), np.arange(15.0, 25.0)]))
     assert gap["problems"] == ["frames are missing: the longest step is 6 s"]
-
-
-def test_a_table_is_drawn_and_a_wrong_target_is_refused(small_session: Path, tmp_path: Path) -> None:
-    source = small_session / "laser/drop_1.csv"
-    write_sheet(source, tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(UsageError, match=r"written as \.png"):
-        write_sheet(source, tmp_path / "a.jpg")
