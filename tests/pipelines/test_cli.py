@@ -225,17 +225,3 @@ def test_several_sessions_are_one_document_and_a_broken_one_stops_no_other(
     assert code == 1
     assert out.startswith(f"{broken}:\n{session_copy}:\n")
     assert "there is no such file" in err
-
-
-def test_a_session_may_be_named_from_the_folder_above_and_from_within(
-    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(session_copy.parent)
-    code, out, _ = run(capsys, "process", session_copy.name, "--json")
-    assert (code, json.loads(out)["session"]) == (0, str(session_copy))
-    code, _, _ = run(capsys, "process", session_copy.name, f"{session_copy.name}/../{session_copy.name}")
-    assert code == 0
-    monkeypatch.chdir(session_copy)
-    code, out, _ = run(capsys, "process", ".")
-    assert code == 0
-    assert "believable: yes" in out

@@ -62,11 +62,8 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
     ("line", "code", "words"),
     [
         ("adhesion --work '50 mJ'", 2, "is in J; expected a number in J/m2"),
-        ("adhesion --load '1e9 N'", 3, "reduce the load"),
         ("drop --duration '0.01 s' --adhesion '50 mJ/m2'", 3, "no completed impact"),
-        ("indent --frequency '0 Hz'", 3, "frequency is 0"),
         ("indent --mean '5 mm'", 3, "reaches the end of the indenter"),
-        ("drop --radius '0 mm'", 3, "radius is 0 m"),
         ("drop --picture x.bmp --duration '0.02 s'", 3, "figure format"),
     ],
 )

@@ -166,10 +166,3 @@ def test_one_whose_sniff_raises_is_named_once_and_left_out(
         assert instruments.identify(session / "laser/drop_1.csv") == "toy_vibrometer"
     (line,) = told
     assert "zz-lab 2.0 is left out: its sniff raised IndexError" in line
-
-
-def test_one_whose_reader_raises_is_named_in_the_error(broken: Callable[[str], None], session: Path) -> None:
-    broken("def read(path): return {}['out1']\n" + CHANGED.format("name='bad', reader='zz_lab:read'"))
-    with pytest.raises(SourceError, match=r'the plug-in "bad" failed: KeyError') as caught:
-        instruments.read(session / "laser/drop_1.csv", instrument="bad")
-    assert "labpipe doctor" in str(caught.value)
