@@ -1,4 +1,4 @@
-"""Every sentence of "Methods, to paste" says what was done: with the branches of a film, a drop and a sweep."""
+"""Every sentence of "Methods, to paste" says what was done: with the branches of a film and a sweep."""
 
 import json
 from types import SimpleNamespace
@@ -10,7 +10,6 @@ import xarray as xr
 
 from labpipe.report import Section
 from labpipe.units import Quantity
-from pipelines.experiments.ball_drop import page as drop
 from pipelines.experiments.contact_area import page as film
 from pipelines.experiments.dma import page as rheometer
 from pipelines.experiments.shared.settings import Sphere
@@ -33,26 +32,6 @@ def test_a_film_tells_how_its_frames_were_measured(codes: list[int], says: Any, 
     impacts = xr.Dataset({"peak_radius": ("impact", [])})
     settings: Any = SimpleNamespace(sphere=SPHERE, wavelength=Quantity(633e-9, 0.0, "m"))
     _holds(film._methods(settings, radius, impacts), says, hides)
-
-
-@pytest.mark.parametrize(
-    ("has_model", "says", "hides"),
-    [
-        (True, ("quintic smoothing spline", "on sapphire of E", "“acrylic”"), ()),
-        (False, (), ("simulated", "root-mean-square")),
-    ],
-)
-def test_a_drop_simulates_only_what_was_simulated(has_model: bool, says: Any, hides: Any) -> None:
-    settings: Any = SimpleNamespace(
-        sphere=SPHERE,
-        laser=["a.csv"],
-        height=Quantity(1.5e-3, 5e-6, "m"),
-        model=SimpleNamespace(profile="sphere", rtol=1e-4),
-        counter_body="sapphire",
-    )
-    one = {"units": "1"}
-    repeats = xr.Dataset({"restitution": ("impact", [0.9], one), "u_restitution": ("impact", [1e-3], one)})
-    _holds(drop._methods(settings, repeats, model=xr.Dataset() if has_model else None), says, hides)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,13 @@
 """Which figures there are, what is drawn and what is not, and that it is the same every time."""
 
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from pipelines.cli import main
 from pipelines.experiments import KINDS
 from pipelines.figures import FIGURES, make
-from pipelines.figures.drawing import Drawing, label_outside, letter, panels
 
 CHEAP = "1.2"
 
@@ -101,17 +98,3 @@ def test_numbers_and_captions_are_written_for_a_thesis(tmp_path: Path, capsys: p
     assert "printed" not in caption  # our comparison is no caption of a thesis
     without = make.states(make.Shelf.of(tmp_path, None), make.chosen(["1.2"]))
     assert [state.state for state in without] == [make.READY]  # what was asked for differs
-
-
-def test_exported_numbers_name_their_panel_axes_and_curve_even_where_print_does_not() -> None:
-    with panels(2, 2, sharex="all") as (figure, axes):
-        for number, place in enumerate(axes.flat):
-            letter(place, "abcd"[number], "speed")
-            place.plot([0.0, 1.0], [number, 2.0 * number], label="ball, fast")
-            place.axvline(0.5)  # no data
-        label_outside(axes, "time (s)", "speed (m/s)")
-    table = pd.read_csv(StringIO(Drawing("", figure).data()))
-    assert table["panel"].unique().tolist() == [f"{i} ({name}) speed" for i, name in enumerate("abcd", 1)]
-    assert set(table["curve"]) == {"ball, fast"}
-    assert set(table["x_axis"] + table["y_axis"]) == {"time (s)speed (m/s)"}
-    assert table["y"].tolist() == [0, 0, 1, 2, 2, 4, 3, 6]
