@@ -1,4 +1,4 @@
-"""Measurement against model over a whole session: the rows, the page, and what fails."""
+"""Measurement against model over a whole session: the rows and the page."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A session as one object from Python, and what the verbs on results ask for."""
+"""A session as one object from Python."""
 
 from pathlib import Path
 
