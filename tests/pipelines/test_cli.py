@@ -1,5 +1,7 @@
 """The command line as a user meets it: outputs, exit codes, JSON, and what it does not import."""
 
+import importlib.machinery
+import importlib.util
 import json
 import os
 import re
@@ -193,6 +195,15 @@ def test_a_foreign_package_of_our_name_is_told(tmp_path: Path, name: str, source
         assert f"the module `{name}` at {face} is not labpipe's" in said
         assert "use a separate environment" in said
         assert "Traceback" not in done.stderr
+
+
+def test_a_package_that_another_one_took_away_is_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for found in (None, importlib.machinery.ModuleSpec("instruments", None, is_package=True)):
+        monkeypatch.setattr(importlib.util, "find_spec", lambda _, found=found: found)
+        code, _, err = run(capsys, "doctor")
+        assert (code, "`instruments` of labpipe is missing or has lost its files" in err) == (3, True)
 
 
 @pytest.mark.slow

@@ -160,6 +160,13 @@ def test_what_was_kept_is_read_by_others_until_the_code_changes_again(laboratory
     assert laboratory.value() == 80.0
 
 
+def test_a_syntax_error_fails_the_stages_that_reach_it(laboratory: Laboratory) -> None:
+    laboratory.write("(")
+    failed = {o.stage: o.message for o in run(laboratory.session, laboratory.stages, jobs=0).failures}
+    assert "cannot be imported" in failed["read"]
+    assert "helper.py, line 2" in failed["read"]
+
+
 def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> None:
     laboratory.write(10)
     log = laboratory.session.folder / LOG
