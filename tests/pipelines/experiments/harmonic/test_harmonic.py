@@ -149,3 +149,12 @@ def test_moduli_by_fourier_components_are_those_of_the_fit_and_of_the_material(s
         np.testing.assert_allclose(fourier, fitted, rtol=0.01)
         assert (np.abs(fourier / exact - 1.0) < 0.04).all()  # of a cosine tip, as the work of eq. (2.31)
     np.testing.assert_allclose(table["position_harmonic_2"], TESTER.second_harmonic, rtol=0.01)
+
+
+def test_harmonics_of_a_force_that_tops_out_are_measured() -> None:
+    time, cycles = np.arange(0.0, 10.0, 0.01), np.arange(2.0, 8.0)[:, None]
+    wave = np.sin(2 * np.pi * time)
+    lines, u = harmonic._fourier(time, 3.0 + 2.0 * wave + 0.1 * wave**2 + 0.01 * time, cycles, 1.0)
+    assert abs(lines[0]) == pytest.approx(2.0, rel=1e-3)
+    assert abs(lines[1]) == pytest.approx(0.05, rel=0.01)  # sin^2 = (1 - cos 2x) / 2
+    assert (u < 1e-6).all()
