@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration._quiet import _grouped_median, from_start, in_window
+from calibration._quiet import _grouped_median, from_start
 from labpipe.errors import CalibrationError
 
 
@@ -14,14 +14,6 @@ def test_the_median_of_rounded_readings_lies_inside_its_step() -> None:
     assert _grouped_median(np.array([0.0, 10.0]), 1.0) == 5.0  # nothing lies on its step
     plain = np.random.default_rng(0).normal(0.37, 1.0, 20_000)
     assert _grouped_median(np.round(plain), 1.0) == pytest.approx(0.37, abs=0.03)
-
-
-def test_a_window_holds_both_of_its_ends() -> None:
-    time = np.arange(6.0)
-    found = in_window(time, np.array([9.0, 1.0, 2.0, 3.0, 9.0, 9.0]), (1.0, 3.0))
-    assert (found.level, found.start, found.stop, found.n) == (2.0, 1.0, 3.0, 3)
-    with pytest.raises(CalibrationError, match="holds 1 valid"):
-        in_window(time, np.array([9.0, 1.0, np.nan, 3.0, 9.0, 9.0]), (1.0, 2.0))
 
 
 def test_a_slope_by_chance_is_no_motion_where_the_level_comes_back() -> None:

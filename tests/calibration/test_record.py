@@ -51,30 +51,6 @@ def line_of(needle):
     return LASER[: LASER.index(needle)].count("\n") + 1
 
 
-DAMAGE = {
-    "unknown key": ("who =", "wo =", 'did you mean "who"'),
-    "unknown value": ("scale = ", "scael = ", 'did you mean "scale"'),
-    "wrong unit": ("12.00 ± 0.05 deg", "12.00 ± 0.05 mm", "expected an angle"),
-    "unknown unit": ("0.05 deg", "0.05 turns", "expected an angle"),
-    "not a number": ("12.00 ±", "twelve ±", "expected an angle"),
-    "negative inclination": ("12.00 ± 0.05", "-12.00 ± 0.05", "must be >= 0"),
-    "scale of another order": ("1.0010 ± 0.0002", "1000 ± 1", "must be > 0.5"),
-    "range not positive": ('"8 mm"', '"-8 mm"', "must be > 0"),
-    "version as text": ("version = 1", 'version = "1"', "version: "),
-    "kind a list": ('"laser"', '["laser"]', "expected one of"),
-    "values of another kind": ('"laser"', '"load_cell"', "inclination: unknown key"),
-}
-
-
-@pytest.mark.parametrize("name", DAMAGE)
-def test_mistake_is_named(tmp_path, name):
-    old, new, message = DAMAGE[name]
-    assert old in LASER
-    with pytest.raises(ConfigError) as caught:
-        load(tmp_path, LASER.replace(old, new, 1))
-    assert message in str(caught.value)
-
-
 def test_all_mistakes_are_listed_with_their_lines(tmp_path):
     text = LASER.replace("who =", "wo =").replace("0.05 deg", "0.05 mm").replace("scale", "scal")
     with pytest.raises(ConfigError) as caught:

@@ -2,7 +2,6 @@
 
 import contextlib
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +10,12 @@ import xarray as xr
 
 import instruments
 from calibration.record import load_record
-from instruments import dice, keyence
 from instruments.images._files import read_headers
-from labpipe.errors import LabpipeError, SourceError
+from labpipe.errors import LabpipeError
 from labpipe.workflow.session import load
 from pipelines.session import SETTINGS
-from tests.faults import seeds
 
 CORPUS = sorted(path for path in Path(__file__).parent.glob("corpus/*/*") if path.is_file())
-KEYENCE = seeds.keyence_text()
-
-
-def changed(data: bytes, old: bytes, new: bytes) -> bytes:
-    assert old in data
-    return data.replace(old, new, 1)
-
-
-REFUSED: dict[str, tuple[bytes, Callable[[Path], object], str]] = {
-    "a sampling cycle beyond any number": (changed(KEYENCE, b"50us", b"501e999us"), keyence.read, "sampling cycle"),
-    "a storage factor of 500 digits": (changed(KEYENCE, b"x1", b"x" + b"9" * 500), keyence.read, "storage cycle"),
-    "a point at infinity": (
-        b"COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y\n1,2,3,-inf\n",
-        lambda path: dice.read(path.rename(path.with_name("DICe_solution_0.txt"))),
-        "-inf",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_it_is_refused_with_its_place(tmp_path: Path, name: str) -> None:
-    data, read, words = REFUSED[name]
-    (tmp_path / "a.txt").write_bytes(data)
-    with pytest.raises(SourceError, match=words) as caught:
-        read(tmp_path / "a.txt")
-    assert caught.value.line is not None
 
 
 def attempt(target: str, path: Path) -> None:

@@ -74,8 +74,6 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "first touch": (approach, first_touch),
 }
 
-# --- what is done to the columns ----------------------------------------------------------------
-
 Fault = Callable[[Columns, random.Random], Columns]
 
 

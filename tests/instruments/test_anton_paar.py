@@ -13,7 +13,6 @@ import pytest
 import instruments
 from instruments import anton_paar
 from instruments.anton_paar import assemble
-from labpipe.errors import SourceError
 from tests.faults import seeds
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/rheocompass"
@@ -158,15 +157,6 @@ def test_real_files_read_without_a_warning(name):
     entries = json.loads(found.attrs["tests"])
     assert sum(e["rows"] for e in entries) == found.sizes["sample"]
     assert all(e["rows"] == e["declared"] for e in entries)
-
-
-def test_the_window_definition_is_refused_politely():
-    path = SAMPLES / "window_definition_not_data.xml"
-    if not path.is_file():
-        pytest.skip("the real files lie outside the project")
-    assert instruments.identify(path) == "anton_paar"
-    with pytest.raises(SourceError, match="layout of a table window"):
-        instruments.read(path)
 
 
 def test_a_written_export_is_read(tmp_path):

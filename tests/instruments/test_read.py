@@ -12,7 +12,7 @@ import pytest
 
 import instruments
 from instruments import keyence, mach1
-from labpipe.errors import SourceError, UsageError
+from labpipe.errors import SourceError
 
 
 @pytest.fixture
@@ -47,17 +47,6 @@ def test_unknown_content_lists_what_was_tried(tmp_path):
         assert each.name in str(caught.value)
 
 
-def test_instrument_may_be_named(tmp_path):
-    path = tmp_path / "bare.csv"
-    path.write_text("1,+00.1234\n2,+00.1235\n3,+00.1236\n")
-    with pytest.raises(SourceError, match="no instrument"):
-        instruments.read(path)
-    readings = instruments.read(path, instrument="keyence", cycle="50 us", units=["mm"])
-    assert readings.sizes["time"] == 3
-    with pytest.raises(UsageError, match='no instrument "tarot"; known are '):
-        instruments.read(path, instrument="tarot")
-
-
 def _touch(path):
     now = path.stat().st_mtime_ns
     os.utime(path, ns=(now + 10**9, now + 10**9))
@@ -87,15 +76,6 @@ def test_options_are_those_that_the_reader_takes(each):
     assert path.name == "path"
     assert all(option.kind is option.KEYWORD_ONLY for option in options)
     assert tuple(option.name for option in options) == each.option_names()
-
-
-@pytest.mark.parametrize("each", instruments.OURS, ids=lambda each: each.name)
-def test_the_face_of_a_room_keeps_what_it_promises(each):
-    room = importlib.import_module(each.reader.split(":")[0])
-    assert room.INSTRUMENT is each
-    assert all(getattr(room, name) is not None for name in room.__all__)
-    with pytest.raises(AttributeError, match="has no attribute 'tarot'"):
-        room.tarot  # noqa: B018
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")

@@ -28,7 +28,6 @@ from tests.instruments.tables_of_sweeps import (
 )
 
 DE = {"sep": ";", "decimal": ","}
-PSI = 6894.757293168361
 LAYOUTS = {
     "units in the names": table("freq_hz,G_storage_pa,G_loss_pa,temperature_C", F, STORAGE, LOSS, T),
     "units in brackets": table("Frequency (Hz),E' (MPa),E'' (MPa),Temperature (°C)", *ALL),

@@ -38,9 +38,6 @@ def some_dataset(size: int = 50) -> xr.Dataset:
     )
 
 
-# --- bytes -----------------------------------------------------------------------------------
-
-
 def test_written_bytes_are_there_and_nothing_else(tmp_path: Path) -> None:
     files.write_bytes(tmp_path / "new" / "a.bin", b"\x00\xff" * 1000)
     assert (tmp_path / "new" / "a.bin").read_bytes() == b"\x00\xff" * 1000
@@ -117,9 +114,6 @@ def test_a_log_closes_a_line_that_was_left_incomplete(tmp_path: Path) -> None:
     assert log.read_text().splitlines() == ["one", '{"half', "two"]
 
 
-# --- digests -----------------------------------------------------------------------------------
-
-
 def test_digest_of_a_folder_follows_names_and_contents(tmp_path: Path) -> None:
     for name in ("f", "g"):
         (tmp_path / name / "sub").mkdir(parents=True)
@@ -169,8 +163,6 @@ def test_a_sealed_record_notices_every_flipped_bit() -> None:
         assert files.unseal(bytes(damaged)) is None, bit
     assert all(files.unseal(sealed[:length]) is None for length in range(len(sealed)))
 
-
-# --- names -------------------------------------------------------------------------------------
 
 REFUSED = {
     "": "empty",
@@ -223,9 +215,6 @@ def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
         assert safe_join(tmp_path, name).is_relative_to(tmp_path.resolve())
 
 
-# --- locks -------------------------------------------------------------------------------------
-
-
 def hold(path: Path, said: "multiprocessing.synchronize.Event") -> None:
     with files.lock(path):
         said.set()
@@ -252,9 +241,6 @@ def test_shared_holders_let_each_other_in_but_no_one_else(tmp_path: Path) -> Non
         assert second
         with files.lock(path, wait=False) as alone:
             assert not alone
-
-
-# --- datasets ----------------------------------------------------------------------------------
 
 
 def test_a_dataset_comes_back_equal(tmp_path: Path) -> None:

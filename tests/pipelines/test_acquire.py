@@ -43,20 +43,3 @@ def test_a_recording_that_is_ended_or_killed_is_readable(tmp_path: Path, protoco
     assert instruments.read(tmp_path / "a.csv").sizes["time"] > 10
     done = CliRunner().invoke(acquire, ["recover", str(tmp_path / "a.csv")])
     assert "bytes cut off a.csv 0" in done.output
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--protocol", "dl-en1", "--decimals", "3", "--duration", "1 s"], "--port is needed"),
-        (["--duration", "1 s"], "--decimals"),
-        (["--decimals", "3", "--duration", "1 kg"], 'such as "0.5 s"'),
-    ],
-)
-def test_options_that_do_not_fit_are_usage_errors(options: list[str], words: str, tmp_path: Path) -> None:
-    arguments = ["keyence", str(tmp_path / "a.csv"), "--host", "127.0.0.1", *options]
-    done = CliRunner().invoke(acquire, arguments)
-    assert done.exit_code == 2
-    assert words in done.output
-    example = CliRunner().invoke(acquire, ["--help"]).output
-    assert {"--host", "--decimals", "--duration"} <= set(example.split())

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.workflow import engines
 from pipelines.cli import COMMANDS, main
 
 HEAVY = ("numpy", "scipy", "xarray", "pandas", "matplotlib", "numba", "cv2", "netCDF4")
@@ -128,13 +127,6 @@ def test_an_option_that_there_is_not_is_usage(
         assert (code, said in err) == (2, True), err
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
-def test_a_named_pipe_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.csv")
-    code, _, err = run(capsys, "inspect", str(tmp_path / "a.csv"))
-    assert (code, "is a named pipe, expected a file" in err) == (3, True), err
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -227,19 +219,6 @@ def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
     assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
 
 
-def test_as_many_experiments_run_side_by_side_as_there_are_processors(
-    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def jobs() -> int:
-        assert run(capsys, "process", str(session_copy))[0] == 0
-        events = map(json.loads, (session_copy / "labpipe/run.jsonl").read_text().splitlines())
-        return [event["jobs"] for event in events if event["event"] == "run started"][-1]
-
-    for available, used in ((3, 3), (64, 8)):
-        monkeypatch.setattr(engines, "processors", lambda count=available: count)
-        assert jobs() == used
-
-
 def test_several_sessions_are_one_document_and_a_broken_one_stops_no_other(
     session_copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -257,17 +236,3 @@ def test_several_sessions_are_one_document_and_a_broken_one_stops_no_other(
     assert code == 1
     assert out.startswith(f"{broken}:\n{session_copy}:\n")
     assert "there is no such file" in err
-
-
-def test_a_session_may_be_named_from_the_folder_above_and_from_within(
-    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(session_copy.parent)
-    code, out, _ = run(capsys, "process", session_copy.name, "--json")
-    assert (code, json.loads(out)["session"]) == (0, str(session_copy))
-    code, _, _ = run(capsys, "process", session_copy.name, f"{session_copy.name}/../{session_copy.name}")
-    assert code == 0
-    monkeypatch.chdir(session_copy)
-    code, out, _ = run(capsys, "process", ".")
-    assert code == 0
-    assert "believable: yes" in out

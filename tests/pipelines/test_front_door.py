@@ -14,15 +14,13 @@ import xarray as xr
 
 import labpipe as lp
 from labpipe.errors import InputError
-from labpipe.frames import ArrayFrames
-from labpipe.materials import Prony, describe
+from labpipe.materials import describe
 from labpipe.units import Quantity, si
 from pipelines.cli import COMMANDS
 
 ONLY_TYPED = {"acquire", "bench", "completion", "simulate"}
 """Commands of the terminal alone: a live sensor, the benchmark, the shell; simulators are verbs."""
 OBJECTS = {"MasterCurve", "Prony"}
-VERBS = sorted(set(lp.__all__) - OBJECTS)
 
 
 def asked(code: str) -> str:
@@ -67,9 +65,6 @@ def test_comparing_stored_results_needs_no_compiler() -> None:
     assert asked(code) == "[]"
 
 
-# --- quantities and materials --------------------------------------------------------------------
-
-
 def test_texts_with_units_equal_numbers_in_si() -> None:
     acrylic = lp.material("acrylic")
     written = lp.drop("acrylic", "9.525 mm", "505 g", "1.5 mm", "30 ms", gravity="9.81 m/s2")
@@ -80,17 +75,6 @@ def test_texts_with_units_equal_numbers_in_si() -> None:
     pressed = lp.indent("nbr", "2 mm", "8 mm", "18 mm", time, depth, elements=64)
     same = lp.indent(lp.material("nbr"), 2e-3, 8e-3, 18e-3, time, depth, elements=64)
     xr.testing.assert_allclose(pressed, same, rtol=1e-9)  # 18 * 1e-3 rounds otherwise than 18e-3
-
-
-def test_every_function_of_contact_takes_texts_and_names() -> None:
-    from labpipe import contact
-
-    fall = contact.collision("9.525 mm", "505 g", "1.5 mm", youngs_modulus="3.2 GPa",
-                             duration="20 ms")  # fmt: skip
-    assert fall.equals(contact.collision(9.525e-3, 0.505, 1.5e-3, duration=0.02))
-    for press, values in ((contact.load_sphere, [1.0, 1.0]), (contact.press_sphere, [0.0, 1e-6])):
-        written = press("ptfe", "9.525 mm", [0.0, 1.0], values)
-        assert written.equals(press(lp.material("ptfe"), 9.525e-3, [0.0, 1.0], values))
 
 
 @pytest.mark.parametrize(
@@ -135,34 +119,6 @@ def test_millimetres_given_as_metres_are_warned_of_with_the_text_to_use() -> Non
         lp.drop("acrylic", radius="9.525 m", mass="505 kg", height="7 m", duration=0.5)
 
 
-# --- what is returned shows itself ---------------------------------------------------------------
-
-
-def test_materials_and_films_show_what_they_hold() -> None:
-    solid = Prony(2e9, [2e9], [0.5], nu=0.35)
-    assert repr(solid) == ("Prony(E relaxed 2 GPa, unrelaxed 4 GPa, 1 term from 500 ms to 500 ms, nu 0.35)")
-    assert "<td>500 ms</td>" in solid._repr_html_()
-    film = ArrayFrames(np.zeros((3, 16, 20), np.uint8), np.array([0.0, 0.1, 0.2]), exposure=2e-6)
-    assert repr(film) == "film of 3 frames, 16 rows × 20 columns, 0 to 0.2 s, exposure 2 µs"
-    assert "3 frames" in film._repr_html_()
-    assert repr(ArrayFrames(np.zeros((0, 16, 20)))) == "film of 0 frames, 16 rows × 20 columns"
-
-
-def test_a_master_curve_comes_from_an_export_in_two_lines(tmp_path: Path) -> None:
-    from pipelines.rig.dma import Protocol, write_dma
-    from pipelines.rig.solids import SOLIDS
-
-    protocol = Protocol(temperatures=(0.0, 10.0, 20.0, 30.0))
-    file = write_dma(tmp_path, "acrylic", SOLIDS["acrylic"], protocol, 1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        curve = lp.master_curve(lp.read(tmp_path / file), T_ref="20 °C", nu=0.35)
-    assert isinstance(curve, lp.MasterCurve)
-    assert lp.material(curve) is curve.prony
-    assert repr(curve).startswith("Master curve at 20 °C")
-    assert curve._repr_html_().count("<tr>") == 5
-
-
 def test_verbs_on_a_session_show_what_they_found(processed_session: Path, tmp_path: Path) -> None:
     session = processed_session
     assert "steps would run" in repr(lp.plan(session))
@@ -182,12 +138,3 @@ def test_verbs_on_a_session_show_what_they_found(processed_session: Path, tmp_pa
     judged = lp.verdict(session, jobs=0)
     for one in judged.experiments:
         assert f"<td>{one.experiment}</td><td>{one.believable}</td><td>{one.model}</td>" in judged._repr_html_()
-
-
-def test_a_result_per_recording_names_the_recordings(processed_session: Path) -> None:
-    with pytest.raises(InputError, match=r'name one of them: "laser/drop_1.csv", "laser/drop_2'):
-        lp.result(processed_session, "drop", "bounces")
-    with pytest.raises(InputError, match=r'name one of them: "laser/drop_1.csv", "laser/drop_2'):
-        lp.result(processed_session, "drop", "bounces", "drop_9.csv")
-    with pytest.raises(InputError, match='one result of all recordings; ask for it without "x"'):
-        lp.result(processed_session, "drop", "repeats", "x")

@@ -38,24 +38,6 @@ def test_a_run_shows_steps_time_gone_and_time_left_and_leaves_stdout_alone(
     assert capsys.readouterr().out == ""
 
 
-def test_counted_work_shows_the_piece_and_how_many_there_are(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    screen = terminal(monkeypatch)
-    with counted(3) as begin:
-        assert begin is not None
-        begin("first [part]")
-        print("a result")  # noqa: T201
-        begin("second")
-    with progress("recording a session"):
-        pass
-    shown = screen.getvalue()
-    assert "second" in shown
-    assert "1/3" in shown
-    assert "recording a session" in shown
-    assert capsys.readouterr().out == "a result\n"
-
-
 def test_nothing_is_shown_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = terminal(monkeypatch)
     with click.Context(click.Command("x"), obj=None) as context:

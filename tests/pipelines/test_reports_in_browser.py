@@ -33,14 +33,3 @@ def test_the_chart_that_shows_the_verdict_is_on_the_first_screen(
     assert top < 600
     titles = window.run("[...document.querySelectorAll('h2')].map(h => h.textContent)")
     assert titles[:3] == ["Verdict", "Summary", "What the verdict rests on"]
-
-
-def test_a_report_leads_to_the_session_and_back(window: Browser, processed_session: Path) -> None:
-    window.open(processed_session / "labpipe/reports/drop.html")
-    target = window.run("document.querySelector('.home a').href")
-    assert target == (processed_session / "labpipe/index.html").resolve().as_uri()
-    window.open(processed_session / "labpipe/index.html")
-    links = window.run("[...document.querySelectorAll('table.index a')].map(a => a.href)")
-    assert links == [
-        (processed_session / f"labpipe/reports/{name}.html").resolve().as_uri() for name in ("drop", "nbr")
-    ]

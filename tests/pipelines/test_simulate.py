@@ -1,7 +1,6 @@
 """The command simulate as a new user meets it: units, maps, ledger, and what is refused."""
 
 import json
-import re
 import shlex
 from pathlib import Path
 
@@ -31,15 +30,6 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
     assert float(rows["first restitution on a rigid flat"][0]) > float(rows["first restitution"][0])
     assert float(rows["energy error"][0]) < 1e-3
     assert files.read_dataset(out)["force"].dims == ("time",)
-
-
-def test_a_drop_on_an_elastic_flat_is_softer(capsys: pytest.CaptureFixture[str]) -> None:
-    forces = []
-    for flat in ((), ("--substrate", "sapphire"), ("--substrate", "70 GPa, 0.22")):
-        code, text, _ = run(capsys, "drop --duration '0.02 s'", *flat)
-        forces.append(float(re.search(r"first peak force +(\S+)", text)[1]))  # type: ignore[index]
-    assert code == 0
-    assert forces[0] > forces[1] > forces[2]
 
 
 def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
@@ -72,11 +62,8 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
     ("line", "code", "words"),
     [
         ("adhesion --work '50 mJ'", 2, "is in J; expected a number in J/m2"),
-        ("adhesion --load '1e9 N'", 3, "reduce the load"),
         ("drop --duration '0.01 s' --adhesion '50 mJ/m2'", 3, "no completed impact"),
-        ("indent --frequency '0 Hz'", 3, "frequency is 0"),
         ("indent --mean '5 mm'", 3, "reaches the end of the indenter"),
-        ("drop --radius '0 mm'", 3, "radius is 0 m"),
         ("drop --picture x.bmp --duration '0.02 s'", 3, "figure format"),
     ],
 )

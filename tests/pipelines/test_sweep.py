@@ -103,15 +103,6 @@ def test_a_wrong_axis_is_refused(name: str, text: str, message: str) -> None:
         design("drop", {name: text})
 
 
-def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
-    with pytest.raises(UsageError, match="radius has an uncertainty: give the number of draws"):
-        design("drop", {}, {"radius": "9.5 ± 0.1 mm"})
-    with pytest.raises(UsageError, match="nothing to draw: give a fixed parameter an uncertainty"):
-        design("drop", {}, {"radius": "9.5 mm"}, draws=3)
-    with pytest.raises(UsageError, match="height is given twice"):
-        design("drop", {"height": "1 mm"}, {"height": "2 mm"})
-
-
 def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None:
     vary = {"material": "acrylic, ptfe", "height": "1.5 mm, 5 mm"}
     swept = sweep("drop", tmp_path / "map.nc", vary=vary, fixed={"mass": "28.2 g"})
@@ -186,27 +177,6 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     assert list(found["x"].values[lost]) == [13.0, 14.0]
     kept = np.delete(np.arange(20), lost)
     np.testing.assert_array_equal(found["sum"].values[kept], kept + 3.0)
-
-
-def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> None:
-    library = Path(materials.__file__).parent / "library"
-    own, found = tmp_path / "own.toml", []
-    for name in ("acrylic", "ptfe"):
-        own.write_text((library / f"{name}.toml").read_text("utf-8"), "utf-8")
-        swept = sweep("drop", tmp_path / "map.nc", fixed={"material": str(own), "rtol": "0.001"})
-        found.append(float(swept.dataset.restitution))
-    assert found[0] - found[1] > 0.05
-
-
-def test_points_of_any_stretch_are_those_of_the_whole() -> None:
-    vary, fixed = {"material": "acrylic, ptfe", "height": "1 mm : 3 mm : 3"}, {"radius": "9.5 ± 0.1 mm"}
-    plan = design("drop", vary, fixed, draws=4)
-    whole = plan.points(range(plan.count))
-    assert len(whole) == plan.count == 24
-    assert plan.points(range(5, 17)) == whole[5:17]
-    assert [p["material"] for p in whole[:13]] == ["acrylic"] * 12 + ["ptfe"]
-    assert [p["height"] for p in whole[:9]] == [0.001] * 4 + [0.002] * 4 + [0.003]
-    assert whole[3]["radius"] == whole[7]["radius"] != whole[4]["radius"]
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from instruments import keyence
 from labpipe import plugins
 from labpipe.errors import SourceError, UsageError
 from pipelines.cli import cli
-from pipelines.session import describe, init, open_session, process, result
+from pipelines.session import describe
 from tests.pipelines.small import write_small
 
 HOME = Path(__file__).parent / "toy_instrument"
@@ -106,33 +106,6 @@ def test_it_is_inspected_and_exported(session: Path, tmp_path: Path) -> None:
         instruments.read(path)
 
 
-@pytest.mark.usefixtures("toy")
-def test_init_proposes_from_what_it_holds(session: Path, tmp_path: Path) -> None:
-    pile = tmp_path / "pile"
-    pile.mkdir()
-    for number in (1, 2):
-        shutil.copy(session / f"laser/drop_{number}.csv", pile / f"acrylic_7mm_{number}.txt")
-    made = init(pile)
-    assert made.experiments == ["acrylic_7mm"]
-    text = made.path.read_text("utf-8")
-    assert 'kind = "ball_drop"  # laser readings' in text
-    assert 'laser = [\n  "acrylic_7mm_1.txt",\n  "acrylic_7mm_2.txt",' in text
-
-
-@pytest.mark.usefixtures("toy")
-def test_a_session_is_processed_with_it(session: Path) -> None:
-    outcome = process(session, jobs=0, only=["drop"], targets=["repeats"])
-    assert outcome.exit_code == 0, [each.message for each in outcome.failures]
-    assert open_session(session).experiments["drop"].kind == "ball_drop"
-    ours = result(session, "drop", "readings", "laser/drop_1.csv")
-    assert ours.attrs["instrument"] == "toy vibrometer"
-
-
-def test_without_its_distribution_its_files_are_unknown(session: Path) -> None:
-    with pytest.raises(SourceError, match="no instrument recognises the content"):
-        instruments.identify(session / "laser/drop_1.csv")
-
-
 CHANGED = "from toy_vibrometer import INSTRUMENT as toy\nfrom dataclasses import replace\nINSTRUMENT = replace(toy, {})"
 BROKEN: dict[str, tuple[str, str]] = {
     "import": ("import nothing_of_this_name", "ModuleNotFoundError: No module named"),
@@ -193,10 +166,3 @@ def test_one_whose_sniff_raises_is_named_once_and_left_out(
         assert instruments.identify(session / "laser/drop_1.csv") == "toy_vibrometer"
     (line,) = told
     assert "zz-lab 2.0 is left out: its sniff raised IndexError" in line
-
-
-def test_one_whose_reader_raises_is_named_in_the_error(broken: Callable[[str], None], session: Path) -> None:
-    broken("def read(path): return {}['out1']\n" + CHANGED.format("name='bad', reader='zz_lab:read'"))
-    with pytest.raises(SourceError, match=r'the plug-in "bad" failed: KeyError') as caught:
-        instruments.read(session / "laser/drop_1.csv", instrument="bad")
-    assert "labpipe doctor" in str(caught.value)

@@ -58,9 +58,6 @@ class Figures:
         )
 
 
-# --- front films of the bundled sessions -----------------------------------------------------
-
-
 def front_film(session: Path, static: int) -> Figures:
     """Body and line of subsets on the falling holder as the session states them, against its truth."""
     experiments = tomllib.loads((session / "session.toml").read_text("utf-8"))["experiments"].values()
@@ -77,9 +74,6 @@ def front_film(session: Path, static: int) -> Figures:
     film = instruments.read(session / "film/ptfe_front.cine")
     subsets = [chosen["body_subset"], *[chosen["subset"]] * chosen["points"]]
     return Figures.of(film, points, truth, static, subset=subsets)
-
-
-# --- photographs, moved by whole pixels at full size and reduced ---------------------------------
 
 
 @cache
@@ -104,8 +98,6 @@ def of_photograph(name: str, left: int, top: int, subset: int) -> Figures:
     return Figures.of(film, points, np.repeat(shifts[:, None], len(points), axis=1), subset=subset)
 
 
-# --- speckle drawn analytically ------------------------------------------------------------------
-
 MIDDLE = (140.0, 130.0)
 MOTIONS = {
     "shift": [Motion(0.17 * k, -0.11 * k) for k in range(7)],
@@ -127,9 +119,6 @@ def of_speckle(kind: str, motion: str, subset: int) -> Figures:
     points = grid(SIZE, 60 if motion == "jump" else 26, 14)
     truth = np.stack([one.displacement(points) for one in MOTIONS[motion]])
     return Figures.of(film, points, truth, subset=subset)
-
-
-# --- scenes that must be refused, or kept --------------------------------------------------------
 
 
 def of_formula(
@@ -186,9 +175,6 @@ def of_bar(texture: float) -> Figures:
     points = grid(SIZE, 26, 14)
     truth = np.stack([one.displacement(points) for one in MOTIONS["shift"]])
     return Figures.of(np.clip(np.rint(film), 0, 255).astype(np.uint8), points, truth)
-
-
-# --- figures to hold -------------------------------------------------------------------------------
 
 
 def assert_measured(found: Figures, rms: float, valid: float = 1.0) -> None:

@@ -60,9 +60,6 @@ class Recorder(ArrayFrames):
         return part
 
 
-# --- accuracy -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("kind", "shape", "order", "limit"),
     [("medium", "rigid", 5, 0.0003), ("medium", "affine", 5, 0.0003), ("fine", "rigid", 5, 0.0015),
@@ -117,9 +114,6 @@ def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> No
     assert np.sqrt((angle**2).mean()) == pytest.approx(float(found.u_rotation[64:].mean()), rel=0.1)
 
 
-# --- large motions ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("kind", "shape", "motion"),
     crossed(
@@ -161,9 +155,6 @@ def test_steady_motion_needs_two_evaluations_and_no_search() -> None:
     found = track(make_film("medium", motions, 2.0), grid(SIZE, 40, 20))
     assert found.iterations[2:].mean() < 2.5
     assert json.loads(found.attrs["work"])["reseeds"] == 0
-
-
-# --- points without a value ---------------------------------------------------------------------
 
 
 def reason(found: xr.Dataset, frame: int, point: int) -> str:
@@ -225,9 +216,6 @@ def test_damaged_frames_are_rows_of_nan_and_never_read() -> None:
     assert track(with_nan, grid(SIZE, 40, 40)).valid.all("point").values.tolist() == [True, True, False, True]
 
 
-# --- films of other kinds -----------------------------------------------------------------------
-
-
 def test_the_grey_scale_of_the_camera_does_not_matter() -> None:
     film = make_film("medium", SHIFTS[:4], 2.0)
     points = grid(SIZE, 40, 30)
@@ -244,9 +232,6 @@ def test_changing_light_does_not_move_points() -> None:
     found = track(dimmed, grid(SIZE, 22, 14))
     assert np.abs(error(found, SHIFTS[:4])).max() < 0.012
     assert found.valid.all()
-
-
-# --- work done ----------------------------------------------------------------------------------
 
 
 def test_only_the_rectangle_around_the_points_is_read() -> None:

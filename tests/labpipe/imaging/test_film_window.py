@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 from labpipe.frames import ArrayFrames
-from labpipe.imaging.dic._film_window import FilmWindow, smooth
+from labpipe.imaging.dic._film_window import FilmWindow
 from labpipe.imaging.dic._spline import PADDING
 
 
@@ -21,16 +20,3 @@ def test_inside_its_window_a_rectangle_equals_the_whole_frame(order: int, blur: 
     part = loaded.coefficients[np.ix_(y + PADDING, x - 64 + PADDING)]
     expected = whole[np.ix_(y + PADDING, x + PADDING)]
     assert np.abs(part - expected).max() < 2e-6 * np.abs(whole).max()
-
-
-@pytest.mark.parametrize(("kind", "blur"), [(np.uint8, 0.0), (np.uint16, 0.5), (np.float64, 1.0), (np.int32, 0.5)])
-def test_every_type_of_pixel_is_blurred_alike_into_kept_memory(kind: type[np.generic], blur: float) -> None:
-    image = np.random.default_rng(2).integers(0, 256, (40, 50)).astype(kind)
-    kept = np.empty(image.shape, np.float32)
-    found = smooth(image, blur, kept)
-    assert found is kept
-    expected = np.asarray(image, float)
-    if blur:
-        expected = gaussian_filter(expected, blur, mode="mirror", radius=int(np.ceil(4 * blur)))
-    np.testing.assert_allclose(found, expected, atol=1e-3)
-    assert smooth(image[1:], blur, kept).shape == (39, 50)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.imaging.dic._neighbour_outliers import carried
-from labpipe.imaging.dic._seeding import Pyramid, _match_tile, find_subset, fit_motion, make_pyramid
+from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid
 from tests.by_day import crossed
 from tests.labpipe.imaging.speckle import Motion, make_speckle, render
 
@@ -45,11 +45,3 @@ def test_a_motion_is_fitted_in_spite_of_wrong_displacements() -> None:
     assert fits.tolist() == [n not in {1, 5, 8, 9} for n in range(12)]
     expected = motion.displacement(places)
     assert np.abs(carried(np.tile(found, (12, 1)), places) - expected).max() < 1.0
-
-
-def test_a_tile_that_touches_the_border_is_matched_and_one_beyond_is_not() -> None:
-    image = pyramid(render(make_speckle("medium", SIZE), SIZE))
-    for centre in ((15, 130), (140, 15), (264, 130), (140, 244)):
-        found = _match_tile(image, image, centre, 15, (0, 0))
-        assert found == (0.0, 0.0, pytest.approx(1.0, abs=1e-4))
-        assert _match_tile(image, image, centre, 16, (0, 0)) is None

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline
 
-from labpipe.imaging.dic._kernels import AFFINE, RIGID, _sample_run
+from labpipe.imaging.dic._kernels import AFFINE, RIGID
 from labpipe.imaging.dic._solver import Solution, solve
 from labpipe.imaging.dic._spline import node_gradients, prefilter
 from labpipe.imaging.dic._subsets import Subsets, cut_subsets
@@ -44,20 +43,3 @@ def test_compiled_solver_agrees_with_scipy_to_a_tenth_of_the_noise(order: int, i
         expected, zncc = solve_oracle(reference, image, centre, 12, is_rigid, order, start[n])
         assert np.abs(found.motion[n] - expected).max() < 0.1 * np.sqrt(found.covariance[n, :2].min())
         assert found.zncc[n] == pytest.approx(zncc, abs=1e-5)
-
-
-@pytest.mark.parametrize(("order", "fx", "fy"), [(3, 0.02, 0.98), (5, 0.93, 0.04), (5, 0.02, 0.04)])
-def test_samples_are_sums_of_splines(order: int, fx: float, fy: float) -> None:
-    """Every coefficient has its weight, the corners too: the product of B-splines by scipy."""
-    random, lanes = np.random.default_rng(order), 4
-    coefficients = random.uniform(10.0, 200.0, (8, 14)).astype(np.float32)
-    spline = BSpline.basis_element(np.arange(order + 2.0))
-    dx, dy = 0.02, -0.01
-    out = np.zeros(lanes, np.float32)
-    place = (np.float32(v) for v in (fx, fy, dx, dy))
-    first = (5 - order) // 2
-    _sample_run(coefficients, order, 1 - first, 2 - first, *place, np.uint64(lanes), out)
-    for k in range(lanes):
-        a, b = (spline(np.arange(order, -1, -1) + f + d * k) for f, d in ((fx, dx), (fy, dy)))
-        exact = b @ coefficients[1 : order + 2, 2 + k : order + 3 + k].astype(float) @ a
-        assert out[k] == pytest.approx(exact, rel=2e-6)

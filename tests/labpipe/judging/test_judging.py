@@ -15,13 +15,11 @@ from labpipe.judging import (
     explain,
     fitted_errors,
     from_json,
-    in_words,
     judge,
     model_verdict,
     not_made,
     stated,
     to_json,
-    too_large,
 )
 
 G = 9.81
@@ -209,14 +207,6 @@ def test_the_input_that_was_stated_wrongly_explains_most():
     assert shares[[0, 3, 4]] == pytest.approx([1.0, 1.0, 0.0])
 
 
-def test_the_cause_of_the_worst_finding_comes_first() -> None:
-    checks = [
-        stated("resolution", "coarse", "note", cause="few digits"),
-        stated("direction", "upwards", "impossible", cause="wrong sign"),
-    ]
-    assert judge(checks).causes == ("wrong sign", "few digits")
-
-
 @pytest.mark.parametrize(("beside", "named"), [(1.3, True), (3.0, False)])
 def test_a_usual_factor_is_named_beside_a_right_check_that_scatters(beside, named):
     wavelength = Cause({"fringes": 1.0}, lambda k: "wavelength", usual=(663 / 632.8,))
@@ -232,17 +222,3 @@ def test_of_a_dense_list_a_usual_factor_is_not_met_by_chance(slack, named):
     seen = [compared("fringes", "", 1.1, 1e-3, 1.0, 1e-3)]
     cause = Cause({"fringes": 1.0}, "{:.3f}".format, (1.07, 1.16), slack=slack)
     assert explain(seen, [cause])[0].sentence == named
-
-
-def test_factors_are_written_without_an_exponent():
-    assert [in_words(210.3, 2), in_words(1e6), in_words(0.00012345), in_words(2.0)] == [
-        "210",
-        "1,000,000",
-        "0.000123",
-        "2",
-    ]
-    assert [too_large(k) for k in (1e3, 0.5, 0.9996)] == [
-        "1000 times too large",
-        "too small by a factor of 2",
-        "0.04 % too small",
-    ]

@@ -74,15 +74,6 @@ def test_a_long_recording_fits_its_bytes_and_keeps_every_sample_of_an_impact():
     assert "of 1000000 samples" in thinned.notes[0]
 
 
-def test_what_a_logarithmic_axis_cannot_show_is_counted():
-    log = chart(Series("a", [0.0, 1.0, 10.0, 100.0], [1.0, -1.0, 2.0, 3.0]), x_scale="log", y_scale="log")
-    thinned = thin(log, 10**6)
-    assert thinned.notes == ("2 points are not shown: zero or negative on a logarithmic axis.",)
-    assert thinned.series[0].x.tolist() == [1.0, 10.0, 100.0]
-    assert np.isnan(thinned.series[0].curves[0][0])
-    assert static_picture(thinned)
-
-
 @pytest.mark.parametrize(
     "series",
     [
@@ -107,23 +98,6 @@ def test_awkward_series_are_packed_and_drawn_without_a_warning(series):
         if scale == "linear":
             packed = pack(thinned)["series"][0]["y"]
             assert curve(packed) == pytest.approx(series.y, rel=6e-8, nan_ok=True)
-
-
-def test_a_still_picture_leaves_out_what_shows_on_hover_only():
-    steady = Series("a", [1, 2], [1, 2])
-    hovered = Series("b", [1, 2], [5, 6], on_hover=True)
-    both = thin(chart(steady, hovered), 10**6)
-    assert static_picture(both) == static_picture(thin(chart(steady), 10**6))
-    assert [s["onHover"] for s in pack(both)["series"]] == [False, True]
-
-
-def test_a_curve_alone_is_drawn_whole_and_keeps_the_colour_of_its_role():
-    alone = pack(thin(chart(Series("a", [1, 2], [1, 2], role="model")), 10**6))["series"][0]
-    beside = chart(Series("b", [1, 2], [0, 0]), Series("a", [1, 2], [1, 2], role="model"))
-    dashed = pack(thin(beside, 10**6))["series"][1]
-    assert alone["dash"] == []
-    assert dashed["dash"] != []
-    assert alone["light"] == dashed["light"]
 
 
 def test_a_family_takes_its_colours_from_a_scale_and_is_named_at_its_ends():

@@ -225,23 +225,6 @@ def test_a_page_that_pictures_make_too_large_says_so():
         document.render(max_bytes=100_000)
 
 
-def test_sections_have_anchors_of_their_own():
-    titles = ("Überblick", "Überblick", "µm!", "日本", "chart-1")
-    page = Document("d", sections=[Section(t) for t in titles], home="../index.html").render()
-    assert '<a href="../index.html">' in page
-    anchors = re.findall(r'<section id="([^"]*)"', page)
-    assert anchors == ["uberblick", "uberblick-2", "m", "section", "section-chart-1"]
-    assert re.findall(r'<a href="#([^"]*)"', page) == anchors
-
-
-def test_charts_inside_details_are_drawn_once_and_in_order():
-    one, two, three, four = (LineChart(n, "x", "y", (Series("a", T, T),)) for n in ("one", "two", "three", "four"))
-    inner = Details("folded", (two, Details("deeper", (three,))))
-    page = Document("d", sections=(Section("s", (one, inner, four)),)).render()
-    islands = [json.loads(text)["title"] for text in Skeleton(page).islands]
-    assert islands == ["one", "two", "three", "four"]
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -257,15 +240,6 @@ def test_charts_inside_details_are_drawn_once_and_in_order():
 def test_wrong_blocks_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
-
-
-def test_a_row_of_texts_is_a_card_with_its_titles_on_a_narrow_screen_and_a_row_of_numbers_is_not() -> None:
-    texts = Table((Column("check"), Column("result"), Column("principle")), [("g", "passed", "a parabola")])
-    numbers = Table((Column("n"), Column("e"), Column("u")), [(1, 0.8, 0.1)])
-    html = Document("t", sections=(Section("s", (texts, numbers)),)).render()
-    titled = re.findall(r'<td data-key="([^"]+)" data-title="([^"]+)">', html)
-    assert titled == [("passed", "result"), ("a parabola", "principle")]
-    assert html.count('class="data sortable cards"') == 1
 
 
 def test_deviations_stand_where_their_number_says_and_those_outside_have_another_shape() -> None:

@@ -147,36 +147,6 @@ def test_a_view_shows_one_millisecond_with_the_axis_fitted_to_it(opened, chart):
         assert float(texts[1].replace("−", "-")) == pytest.approx(1e3 * np.interp(x, t, noisy), abs=1e-3)
 
 
-def test_the_wheel_zooms_after_a_click_and_scrolls_the_page_before(opened, chart):
-    left, top, width, height = chart.box(0)
-    x, y = left + width / 2, top + height / 2
-    opened.mouse("mouseWheel", x, y, deltaX=0, deltaY=-100)
-    opened.settle()
-    assert chart.window(0) == FULL
-    left, top, width, height = chart.box(0)
-    opened.click(x, top + height / 2)
-    opened.mouse("mouseWheel", x, top + height / 2, deltaX=0, deltaY=-400)
-    opened.settle()
-    shown = chart.window(0)
-    assert 0.1 < shown[0] < 0.25 < shown[1] < 0.4
-    assert chart.window(1) == shown
-
-
-def test_arrow_keys_zoom_pan_and_bring_back(opened, chart):
-    opened.run("document.querySelectorAll('.chart-live')[0].focus()")
-    opened.key("ArrowUp")
-    zoomed = chart.window(0)
-    assert zoomed[1] - zoomed[0] == pytest.approx(FULL[1] / 1.4)
-    opened.key("ArrowRight")
-    panned = chart.window(0)
-    assert panned[0] - zoomed[0] == pytest.approx(0.1 * (zoomed[1] - zoomed[0]))
-    for _ in range(30):
-        opened.key("ArrowRight")
-    assert chart.window(0)[1] == pytest.approx(FULL[1])
-    opened.key("Home")
-    assert chart.window(0) == FULL
-
-
 def test_the_slider_goes_from_the_whole_range_through_the_views_by_keys(opened, chart):
     assert opened.run("document.querySelectorAll('.view-slider').length") == 1
     opened.run("document.querySelector('.view-slider').focus()")

@@ -10,7 +10,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 from matplotlib.transforms import Bbox
 
-from labpipe.report import Band, LineChart, Series, _pictures
+from labpipe.report import LineChart, Series, _pictures
 from labpipe.report._packing import thin
 from labpipe.report._pictures import UNITS, ticks
 
@@ -84,22 +84,3 @@ def test_a_curve_is_drawn_where_its_values_are():
     assert ends[1] == pytest.approx(panel.y0 + margin * panel.height, abs=1)
     across = (int(first[0]) - panel.x0, panel.x1 - ends[0])
     assert across[0] == pytest.approx(across[1], abs=1)
-
-
-def test_an_error_bar_and_a_band_reach_as_far_as_they_say_also_below_zero_on_a_logarithm():
-    points = Series("a", [1.0, 2.0], [1.0, 10.0], "points", u=[0.5, 20.0], role="measured")
-    band = Band("b", [1.0, 2.0], [-1.0, 5.0], [2.0, 30.0], role="model")
-    picture = drawn(LineChart("c", "x", "y", (band, points), y_scale="log"))
-    (panel,) = panels(picture)
-    (bars,) = [p.get("d") for p in found(picture, "path") if "V" in p.get("d", "") and p.get("stroke") == "#0066a6"]
-    low, high = (np.array(found_, int) for found_ in zip(*re.findall(r"M\d+ (\d+)V(\d+)", bars), strict=True))
-    decades = panel.height / np.log10(30.0 / 0.5) / 1.1
-    assert low[0] - high[0] == pytest.approx(np.log10(3.0) * decades, abs=2)
-    assert low[1] == pytest.approx(panel.y1, abs=1)
-    (area,) = [p.get("d") for p in found(picture, "path") if p.get("fill-opacity") and p.get("d").count("l")]
-    assert area.startswith("M")
-
-
-def test_a_name_is_text_and_no_formula():
-    picture = drawn(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)))
-    assert {"$x$", "y < 1 & 2", "$a_1$ & b"} <= {text.text for text in found(picture, "text")}

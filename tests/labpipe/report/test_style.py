@@ -36,14 +36,6 @@ def test_roles_differ_without_colour():
     assert len({(look.dash, look.marker, look.filled) for look in cycle}) == 6
 
 
-def test_several_curves_of_a_role_pair_by_colour_and_keep_the_dashes():
-    looked = looks(["measured", "measured", "model", "model"])
-    assert looked[0].light == looked[2].light
-    assert looked[1].light == looked[3].light != looked[0].light
-    assert looked[0].dash == looked[1].dash == ()
-    assert looked[2].dash == looked[3].dash != ()
-
-
 def test_figures_have_the_width_of_a_journal_column_and_known_roles_only():
     before = rcParams["font.size"]
     for columns, millimetres in ((1, 85.0), (2, 175.0)):
@@ -77,16 +69,3 @@ def test_figures_are_saved_in_every_format_or_not_at_all(tmp_path):
     written = save_figure(figure, tmp_path / "fig_2.4", ("pdf", "png"))
     assert written == (Path(tmp_path / "fig_2.4.pdf"), Path(tmp_path / "fig_2.4.png"))
     assert written[1].read_bytes().startswith(b"\x89PNG")
-
-
-def test_numbers_at_ticks_are_written_as_text():
-    with figure_style():
-        figure = Figure()
-        linear, powers = figure.subplots(1, 2)
-        linear.plot([0.0, 2e-7], [-1e12, 2e12])
-        powers.loglog([1e-5, 1e3], [1.0, 1e9])
-        text = figure_bytes(figure, "svg").decode()
-    assert ">10⁻⁴<" in text
-    assert ">10⁸<" in text
-    assert ">×10¹²<" in text
-    assert "mathdefault" not in text

@@ -2,12 +2,11 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from labpipe.errors import InputError
-from labpipe.report import Column, Listed, Table, display_unit, listed, number, plus_minus, value_with_uncertainty
+from labpipe.report import Column, Listed, Table, display_unit, listed, plus_minus, value_with_uncertainty
 from labpipe.report._tables import table_view
 from tests.rounding import rounding
 
@@ -53,11 +52,6 @@ def test_prefix_follows_the_median_and_ignores_gaps():
     assert display_unit([1e-3 * (1 - 1e-12)], "m").text == "mm"
 
 
-def test_numbers_are_plain_near_one_and_powers_of_ten_elsewhere():
-    found = [number(*one) for one in ((0.0, 4), (999999.7, 4), (0.0000999996, 4), (math.inf, 3))]
-    assert found == ["0", "1000000", "1.000 × 10⁻⁴", "∞"]
-
-
 def test_a_column_has_one_prefix_and_joins_its_uncertainty():
     table = Table(
         (Column("touch", "s", digits=5), Column("depth", "m"), Column("note")),
@@ -68,14 +62,6 @@ def test_a_column_has_one_prefix_and_joins_its_uncertainty():
     assert [cell.text for cell in rows[0]] == ["31.928", "34.0 ± 1.2", "first"]
     assert [cell.text for cell in rows[1]] == ["81.970", "–", "–"]
     assert rows[0][1].key == repr(34e-6)
-
-
-def test_cells_may_be_numpy_scalars_counts_and_truth_values():
-    cells = [(12345, np.float32(0.5), True), (None, 0.5, False)]
-    _, rows = table_view(Table((Column("n"), Column("x"), Column("ok")), cells))
-    assert [cell.text for cell in rows[0]] == ["12345", "0.5000", "yes"]
-    assert [cell.is_number for cell in rows[0]] == [True, True, False]
-    assert (rows[1][0].is_number, rows[1][0].key) == (True, "")  # what is missing stands in the column of numbers
 
 
 def test_rows_that_do_not_fit_and_negative_uncertainties_are_refused():

@@ -68,11 +68,6 @@ def test_every_kind_has_the_foundations_itself_and_what_is_shared() -> None:
             assert others <= {f"pipelines.experiments.{kind.name}"}
 
 
-def test_libraries_count_by_their_version() -> None:
-    found = code.behind(DROP)
-    assert [found[f"{name} (library)"] for name in code.LIBRARIES] == [code.version(name) for name in code.LIBRARIES]
-
-
 def test_a_plug_in_that_reads_files_counts_for_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     forget(monkeypatch)
     assert "toy_vibrometer" not in code.behind(DROP)

@@ -112,27 +112,6 @@ def test_what_is_not_a_reasonable_toml_file_is_refused(tmp_path: Path, text: str
         read(tmp_path, text)
 
 
-def test_what_a_structure_refuses_itself_is_reported_at_its_table(tmp_path: Path) -> None:
-    class Choice(msgspec.Struct, frozen=True, kw_only=True):
-        first: str | None = None
-        second: str | None = None
-
-        def __post_init__(self) -> None:
-            if self.first and self.second:
-                message = "give first or second, not both"
-                raise ValueError(message)
-
-    class Outer(msgspec.Struct, frozen=True, kw_only=True):
-        choice: Choice
-
-    (tmp_path / "c.toml").write_text("\n[choice]\nfirst = 'a'\nsecond = 'b'")
-    with pytest.raises(ConfigError, match=r"c\.toml:2: choice: give first or second"):
-        config.read(tmp_path / "c.toml", Outer)
-    (tmp_path / "c.toml").write_text("")
-    with pytest.raises(ConfigError, match=r"c\.toml:1: choice: missing; expected a table"):
-        config.read(tmp_path / "c.toml", Outer)
-
-
 TEXTS = st.sampled_from(["", "9 mm", "1e999 mm", "2 ± x s", "FILL m", "../x", "auto", "\0é"])
 
 

@@ -3,18 +3,15 @@
 import os
 from pathlib import Path
 
-import msgspec
 import pytest
 import toy_laboratory as toy
 
 from labpipe.errors import ConfigError, UsageError
-from labpipe.workflow.fields import ExperimentName
-from labpipe.workflow.graph import Stage, TaskId, spell_out
+from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, plan
 from labpipe.workflow.results import RunResult
 from labpipe.workflow.runner import run
-from labpipe.workflow.session import Session, load
-from labpipe.workflow.store import Store
+from labpipe.workflow.session import Session
 
 
 @pytest.fixture
@@ -112,14 +109,6 @@ def test_content_decides_not_time(session: Session) -> None:
     assert "acrylic/read [laser/r1.txt]" in not_cached(plan(session, toy.STAGES))
 
 
-def test_a_file_more_or_less_is_named(session: Session) -> None:
-    now = changed(session, '["laser/r3.txt"]', '["laser/r3.txt", "laser/r1.txt"]')
-    found = not_cached(plan(now, toy.STAGES))
-    # The other experiment has read the very same file in the same way.
-    assert "nbr/read [laser/r1.txt]" not in found
-    assert found["nbr/mean"] == "will run: upstream scale changed"
-
-
 def test_a_page_that_was_touched_is_put_back_without_work(session: Session) -> None:
     path = session.folder / "reports" / "nbr.html"
     before = path.read_bytes()
@@ -142,17 +131,6 @@ def test_targets_need_only_what_is_behind_them(tmp_path: Path) -> None:
     assert done(result) == {name.format(s) for name in files for s in ("read", "scale")}
 
 
-def test_what_is_gone_but_not_needed_is_not_made_again(session: Session) -> None:
-    store = Store(session.folder)
-    for row in plan(session, toy.STAGES, targets=["read"]).rows:
-        key = plan(session, toy.STAGES).keys[row.task].value
-        assert key is not None
-        store.quarantine(key)
-    assert not_cached(plan(session, toy.STAGES, targets=["mean"])) == {}
-    found = not_cached(plan(session, toy.STAGES, only=["nbr"]))
-    assert found == {"nbr/read [laser/r3.txt]": "will run: result is gone"}
-
-
 def test_an_unreadable_input_is_the_reason_of_its_row(tmp_path: Path) -> None:
     session = toy.make_session(tmp_path)
     (tmp_path / "laser" / "r1.txt").unlink()
@@ -172,52 +150,3 @@ def test_experiments_in_a_circle_are_refused_at_their_line(tmp_path: Path) -> No
     session = toy.make_session(tmp_path, text.split("[experiments.rubber]")[0])
     with pytest.raises(ConfigError, match=r"session.toml:(8|13): experiments\.\w+\.mat.*circle"):
         plan(session, stages)
-
-
-def test_a_reference_to_a_kind_without_the_stage_is_refused_at_its_line(tmp_path: Path) -> None:
-    text = toy.TOML.replace('material = "rubber"', 'material = "acrylic"')
-    session = toy.make_session(tmp_path, text)
-    with pytest.raises(ConfigError, match=r'session.toml:12: .* no stage "curve"'):
-        plan(session, toy.STAGES)
-
-
-class Part(msgspec.Struct, frozen=True):
-    material: ExperimentName | None = None
-
-
-class Campaign(msgspec.Struct, frozen=True):
-    drops: list[Part]
-
-
-LISTED = """\
-labpipe = 1
-[session]
-title = "Toys"
-[experiments.plate]
-kind = "campaign"
-[[experiments.plate.drops]]
-material = "rubber"
-[[experiments.plate.drops]]
-[[experiments.plate.drops]]
-material = "experiment:glass"
-[[experiments.plate.drops]]
-material = "rubber"
-[experiments.rubber]
-kind = "dma"
-sweep = "dma.txt"
-[experiments.glass]
-kind = "dma"
-sweep = "dma.txt"
-"""
-
-
-def test_references_of_a_list_of_tables_give_one_result_for_every_item(tmp_path: Path) -> None:
-    toy.make_session(tmp_path)
-    (tmp_path / "session.toml").write_text(LISTED)
-    stages = {"campaign": (Stage("all", "toy_laboratory:mean", ("other:drops.material/curve",)),), "dma": toy.DMA}
-    tasks = spell_out(load(tmp_path, {"campaign": Campaign, "dma": toy.Dma}), stages)
-    task = tasks[TaskId("plate", "all")]
-    assert [before.experiment for before in task.before] == ["rubber", "glass"]
-    assert list(tasks)[-1] == task.id  # after both
-    (argument,) = task.arguments
-    assert argument.arranged(lambda slot: slot[0]) == ["rubber", None, "glass", "rubber"]

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 import toy_laboratory as toy
 
-from labpipe.errors import ConfigError, SourceError
+from labpipe.errors import ConfigError
 from labpipe.units import quantity
-from labpipe.workflow.session import Session, load
+from labpipe.workflow.session import Session
 
 BASE = 'labpipe = 1\n[experiments.a]\nkind = "dma"\nsweep = "dma.txt"\n'
 
@@ -34,21 +34,6 @@ def test_a_session_is_read(tmp_path: Path) -> None:
     )
     assert acrylic.lines["sphere.radius"] == 7
     assert acrylic.lines["laser[1]"] == 6
-
-
-def test_a_folder_without_a_session_says_how_to_make_one(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match="labpipe init"):
-        load(tmp_path, toy.KINDS)
-
-
-@pytest.mark.parametrize(
-    ("head", "says"), [("", "begin the file with the line"), ("labpipe = '1'\n", 'expected 1, found "1"')]
-)
-def test_another_version_is_the_only_mistake_reported(tmp_path: Path, head: str, says: str) -> None:
-    found = problems(tmp_path, head + "[experiments.a]\nkind = 'nothing'")
-    assert len(found) == 1
-    assert says in found[0]
-    assert found[0].startswith("session.toml:1: labpipe: ")
 
 
 def test_defaults_of_a_kind_lie_under_its_experiments(tmp_path: Path) -> None:
@@ -103,19 +88,6 @@ def test_a_mistake_stops_its_experiment_and_those_that_refer_to_it_and_no_other(
     assert list(session.experiments) == ["c"]
     assert session.waiting["a"][0].startswith("session.toml:4: experiments.a.sweep: there is no file")
     assert session.waiting["b"] == ('session.toml:5: experiments.b: refers to "a", which waits',)
-
-
-def test_where_nothing_can_be_processed_every_mistake_is_told_in_order(tmp_path: Path) -> None:
-    text = BASE.replace("dma.txt", "FILL.txt") + "[experiments.b]\nkind = 'dam'\n[experiments.c]\nkind = 3\n"
-    found = problems(tmp_path, text)
-    assert [line.split(":")[1] for line in found] == ["4", "6", "8"]
-    for without in ("labpipe = 1", "labpipe = 1\nexperiments = 3"):
-        assert "experiments" in problems(tmp_path, without)[0]
-
-
-def test_names_that_a_disk_may_take_for_one_are_refused(tmp_path: Path) -> None:
-    tables = [f"[experiments.'{name}']\nkind = 'dma'\nsweep = 'dma.txt'\n" for name in ("é", "e\u0301")]
-    assert "only in case" in problems(tmp_path, "labpipe = 1\n" + "".join(tables))[0]
 
 
 def test_a_link_out_of_the_session_is_refused(tmp_path: Path) -> None:

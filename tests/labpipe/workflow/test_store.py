@@ -13,7 +13,7 @@ from labpipe.files import HashIndex
 from labpipe.workflow.graph import TaskId
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
-from labpipe.workflow.store import LOG, Caught, Store, events_after, key_of, log
+from labpipe.workflow.store import Caught, Store, key_of
 
 INGREDIENTS = {"stage": "read", "version": 1, "parameters": {"gain": 1.5, "name": "é"}}
 KEY = key_of(INGREDIENTS)
@@ -49,19 +49,6 @@ def test_a_result_comes_back_with_its_record(store: Store) -> None:
     assert record.size == object_path(store, ".nc").stat().st_size
     object_path(store, ".json").unlink()
     assert store.state(KEY) == "absent"
-
-
-def test_what_was_written_is_not_parsed_again_and_each_reader_has_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = dataset(4.25)  # of this test alone: what others wrote is kept, too
-    store = Store(tmp_path)
-    store.write(INGREDIENTS, written)
-    monkeypatch.setattr(files, "read_dataset", lambda path: pytest.fail(f"{path} is parsed again"))
-    first = store.read(KEY)
-    assert isinstance(first, xr.Dataset)
-    first["z"][:] = 0.0
-    assert written.identical(Store(store.folder).read(KEY))  # type: ignore[arg-type]
 
 
 def test_a_result_that_is_written_while_it_is_looked_for_is_not_damaged(
@@ -104,18 +91,6 @@ def test_damage_is_noticed_set_aside_and_repaired(store: Store, damage: str) -> 
     assert store.state(KEY) == "stored"
 
 
-def test_a_store_check_names_what_is_damaged_and_moves_nothing(store: Store) -> None:
-    assert store.check() == []
-    path = object_path(store, ".nc")
-    path.write_bytes(path.read_bytes()[:-1])
-    (store.root / "ab").mkdir(exist_ok=True)
-    (store.root / "ab" / "notes.json").write_text("{}")
-    problems = store.check()
-    assert len(problems) == 2
-    assert any(KEY in problem for problem in problems)
-    assert path.exists()
-
-
 def test_parts_are_removed_unless_somebody_is_writing(store: Store) -> None:
     part = store.root / "ab" / ".0123.part"
     part.parent.mkdir(exist_ok=True)
@@ -126,20 +101,6 @@ def test_parts_are_removed_unless_somebody_is_writing(store: Store) -> None:
     store.clean()
     assert not part.exists()
     assert store.state(KEY) == "stored"
-
-
-def test_a_damaged_result_is_made_again_by_the_next_run(tmp_path: Path) -> None:
-    session = toy.make_session(tmp_path)
-    run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
-    before = toy.contents(session)
-    for path in sorted((session.folder / "store").glob("??/*.nc"))[::2]:
-        path.write_bytes(path.read_bytes()[:-1])
-    reasons = [row.reason for row in plan(session, toy.STAGES).to_run]
-    assert sum(reason.startswith("result damaged") for reason in reasons) == 5
-    assert run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0).exit_code == 0
-    after = toy.contents(session)
-    assert {n: d for n, d in after.items() if "quarantine" not in n} == before
-    assert len(list((session.folder / "store" / "quarantine").glob("*.nc"))) == 5
 
 
 def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
@@ -168,19 +129,3 @@ def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     assert {str(o.task) for o in result.outcomes if o.state == "done"} == {"nbr/scale [laser/r3.txt]", "nbr/page"}
     after = toy.contents(session)
     assert {n: d for n, d in after.items() if "quarantine" not in n} == before
-
-
-def test_a_run_hears_its_own_events_once_and_whole(tmp_path: Path) -> None:
-    session = toy.make_session(tmp_path)
-    log(session, "started", run="mine", stage="before")
-    position = (session.folder / LOG).stat().st_size
-    assert events_after(session, position, "mine") == (position, [])
-    for run_ in ("mine", "other"):
-        log(session, "started", run=run_, stage="read")
-    with (session.folder / LOG).open("ab") as stream:
-        stream.write(b'{"run": "mine", ')  # another process is writing
-    position, found = events_after(session, position, "mine")
-    assert [event["stage"] for event in found] == ["read"]
-    with (session.folder / LOG).open("ab") as stream:
-        stream.write(b'"stage": "scale"}\n')
-    assert [event["stage"] for event in events_after(session, position, "mine")[1]] == ["scale"]

@@ -109,29 +109,6 @@ def test_from_raw_files_to_a_verdict_by_the_keyboard_alone(
     assert person.keys < 400
 
 
-def test_two_windows_do_not_overwrite_each_other(window: Browser, page: Page, raw: Path) -> None:
-    page.propose()
-    window.visit(page.address)
-    window.until("!document.getElementById('files').hidden")
-    window.run("show('setup')")
-    window.until("document.querySelectorAll('#setup-experiments > li').length === 2")
-    told = page.told("api/session")
-    (record,) = told["records"]
-    assert record["used_by"] == ["drop"]
-    base = told["base"]
-    place = ["experiments", "drop", "height"]
-    page.told(
-        "api/write", {"base": base, "edits": [{"op": "set", "file": "session.toml", "place": place, "text": "2 mm"}]}
-    )
-    window.run(
-        "(() => { const i = document.querySelector('#setup [aria-label=\"height\"]'); i.value = '3 mm';"
-        " i.dispatchEvent(new Event('input')); })()"
-    )
-    window.until("document.getElementById('message').textContent.includes('changed elsewhere')")
-    window.until("document.querySelector('#setup [aria-label=\"height\"]').value === '2 mm'")
-    assert '"2 mm"' in (raw / "session.toml").read_text("utf-8")
-
-
 def test_hostile_names_are_shown_as_text(
     window: Browser, small_session: Path, tmp_path: Path, serving: Callable[[Path], Page]
 ) -> None:

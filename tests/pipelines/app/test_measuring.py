@@ -1,15 +1,13 @@
 """Lengths between two clicks: against rulers whose graduations are known, and what is refused."""
 
 import math
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy.special import erf
 
 from labpipe.errors import InputError
-from pipelines.app._measuring import length, picture
+from pipelines.app._measuring import length
 
 BEGIN = np.array([60.3, 60.7])
 
@@ -55,15 +53,3 @@ def test_what_cannot_be_measured_is_refused() -> None:
         length(grey, (200, 60), (440, 60))
     with pytest.raises(InputError, match="px apart"):
         length(grey, (math.nan, 60), (440, 60))
-
-
-def test_a_photograph_is_measured_as_it_is_shown(tmp_path: Path) -> None:
-    grey = ruler(0.0, 380.0, "edge", np.random.default_rng(1))
-    cv2.imwrite(str(tmp_path / "ruler.png"), grey.astype(np.uint8))
-    found = picture(tmp_path / "ruler.png")
-    assert found.frames == 1
-    assert np.array_equal(found.grey, grey)
-    assert found.png()[:4] == b"\x89PNG"
-    (tmp_path / "broken.jpg").write_bytes(b"\xff\xd8\xff\xe0 nothing")
-    with pytest.raises(InputError, match="cannot be read as a picture"):
-        picture(tmp_path / "broken.jpg")

@@ -241,15 +241,6 @@ def test_before_a_run_it_is_told_what_would_run_and_what_waits_for_which_line(pa
     assert any("nbr.txt" in line for line in cards["nbr"]["waits"])
 
 
-def test_two_reports_are_laid_side_by_side(serving: Callable[[Path], Page], session_copy: Path) -> None:
-    page = serving(session_copy)
-    made = page.told("api/beside", {"first": "drop", "second": "nbr"})["page"]
-    assert made in page.told("api/files")["pages"]
-    assert b"drop beside nbr" in page.ask(f"reports/{made}")[1]
-    assert page.ask("api/beside", {"first": "drop", "second": "../x"})[0] == 400
-    assert page.ask("api/beside", {"first": "drop"})[0] == 400
-
-
 def test_the_guide_comes_from_the_installation_and_shows_nothing_else() -> None:
     served = open_guide()
     thread = threading.Thread(target=served.run)

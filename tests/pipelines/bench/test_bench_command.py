@@ -85,24 +85,6 @@ def test_parts_are_listed_and_an_unknown_one_is_answered_with_the_nearest(capsys
         parts.chosen(["velocty"])
 
 
-def test_the_diagram_shows_every_timed_point_with_its_number_and_label() -> None:
-    texts = re.findall(r"<text[^>]*>([^<]+)</text>", page.draw(TOY).decode())
-    joined = " ".join(texts)
-    assert all(label in joined for label in ("labpipe, default", "thesis", "peer", "rounding", "error (px)"))
-    assert {"1", "2", "3", "4", "5"} <= set(texts)
-    assert "6" not in texts
-    assert not page.drawable(Suite("x", "x", "error (1)", [Point("a", 1.0, math.nan)]))
-    assert not page.drawable(Suite("x", "x", "e", TOY.points, has_diagram=False))
-
-
-def test_the_table_gives_ratios_to_the_default_and_drops_empty_columns() -> None:
-    table = page.table(TOY)
-    ratio = [column.title for column in table.columns].index("× default")
-    assert [row[ratio] for row in table.rows] == [1.0, 0.25, 0.5, 0.125, 0.5, None]
-    bare = page.table(Suite("x", "x", "error (1)", [Point("a", 1.0, 1.0)]))
-    assert [c.title for c in bare.columns] == ["#", "method and setting", "error (1)", "run time"]
-
-
 def test_the_fastest_of_ours_that_errs_no_more_is_compared_run_by_run() -> None:
     points = (
         Point("fine", 1e-4, 4.0, is_default=True, samples=(4.0, 5.0, 3.0)),

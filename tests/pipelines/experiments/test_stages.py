@@ -33,8 +33,3 @@ def test_a_stage_s_function_takes_what_the_graph_hands_it(kind: str, stage: obje
     assert "settings" in parameters
     assert ("context" in parameters) == stage.context
     assert ("full" in parameters) == stage.shortcuts
-
-
-@pytest.mark.parametrize(("kind", "stage"), STAGES, ids=IDS)
-def test_a_named_schema_exists(kind: str, stage: object) -> None:
-    assert stage.schema is None or stage.schema in {s.name for s in KINDS[kind].schemas}

@@ -1,17 +1,13 @@
 """Which figures there are, what is drawn and what is not, and that it is the same every time."""
 
-import json
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from pipelines.cli import main
 from pipelines.experiments import KINDS
 from pipelines.figures import FIGURES, make
-from pipelines.figures.drawing import Drawing, label_outside, letter, panels
 
 CHEAP = "1.2"
 
@@ -42,24 +38,6 @@ def test_no_number_twice_and_every_function_and_stage_exists() -> None:
             assert callable(getattr(import_module(module), name))
         for need in figure.needs:
             assert set(need.stages) <= {stage.name for stage in KINDS[need.kind].stages}, figure.id
-
-
-def test_photographs_are_listed_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = run(capsys, "figures", "--list", "--json")
-    assert code == 0
-    rows = {row["id"]: row for row in json.loads(out)["figures"]}
-    for name in ("2.1", "2.2", "3.1", "3.2", "B.1a"):
-        assert rows[name]["state"] == make.IMPOSSIBLE
-        assert "photograph" in rows[name]["detail"]
-    assert rows["3.10"]["state"] == make.NEEDS_SESSION
-    assert rows["3.10"]["detail"] == "with ball_drop of acrylic"
-    assert rows[CHEAP]["state"] == make.READY
-
-
-def test_an_unknown_number_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, err = run(capsys, "figures", "2.66")
-    assert code == 2
-    assert 'Did you mean "2.6"?' in err
 
 
 def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(tmp_path: Path) -> None:
@@ -120,24 +98,3 @@ def test_numbers_and_captions_are_written_for_a_thesis(tmp_path: Path, capsys: p
     assert "printed" not in caption  # our comparison is no caption of a thesis
     without = make.states(make.Shelf.of(tmp_path, None), make.chosen(["1.2"]))
     assert [state.state for state in without] == [make.READY]  # what was asked for differs
-
-
-def test_exported_numbers_name_their_panel_axes_and_curve_even_where_print_does_not() -> None:
-    with panels(2, 2, sharex="all") as (figure, axes):
-        for number, place in enumerate(axes.flat):
-            letter(place, "abcd"[number], "speed")
-            place.plot([0.0, 1.0], [number, 2.0 * number], label="ball, fast")
-            place.axvline(0.5)  # no data
-        label_outside(axes, "time (s)", "speed (m/s)")
-    table = pd.read_csv(StringIO(Drawing("", figure).data()))
-    assert table["panel"].unique().tolist() == [f"{i} ({name}) speed" for i, name in enumerate("abcd", 1)]
-    assert set(table["curve"]) == {"ball, fast"}
-    assert set(table["x_axis"] + table["y_axis"]) == {"time (s)speed (m/s)"}
-    assert table["y"].tolist() == [0, 0, 1, 2, 2, 4, 3, 6]
-
-
-def test_a_caption_of_latex_writes_symbols_and_escapes_names() -> None:
-    drawing = Drawing("h_0 and tau_0, 5 %.", synthetic="the film nbr_dma.", difference="nothing.")
-    assert drawing.latex("2.6", "Map") == (
-        "\\caption[Map]{Map. $h_{0}$ and $\\tau_{0}$, 5 \\%. Synthetic: the film nbr\\_dma.}\n\\label{fig:2.6}\n"
-    )

@@ -1,17 +1,13 @@
 """Many sessions as one table: what is listed, what is read again, and what a query may do."""
 
-import json
-import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
-from pipelines.commands.results import catalogue as command
 from pipelines.session import catalogue, process, result
 from pipelines.session._catalogue import CATALOGUE
 
@@ -43,16 +39,6 @@ def test_experiments_are_listed_with_parameters_and_numbers(sessions: Path) -> N
     expected = result(sessions / "monday", str(found["experiment"][1]), "repeats")["restitution"]
     assert found["first_restitution"][1] == float(expected[0])
     assert found["first_restitution"].isna()[0]
-
-
-def test_a_material_from_dma_is_found_by_the_polymer(sessions: Path, tmp_path: Path) -> None:
-    shutil.copytree(sessions / "monday", tmp_path / "monday", ignore=shutil.ignore_patterns("labpipe"))
-    toml = tmp_path / "monday" / "session.toml"
-    text = toml.read_text("utf-8")
-    dma = '\n[experiments.pmma_sweep]\nkind = "dma"\nrheometer = ["sweep.csv"]\nmode = "tension"\nnu = 0.35\n'
-    toml.write_text(re.sub(r"(?m)^material = .*$", 'material_from = "pmma_sweep"', text, count=1) + dma, "utf-8")
-    (tmp_path / "monday" / "sweep.csv").touch()
-    assert set(catalogue([tmp_path], where="material = 'acrylic'").table["kind"]) == {"ball_drop"}
 
 
 def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> None:
@@ -121,14 +107,3 @@ def test_a_foreign_file_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="not a catalogue of labpipe"):
         catalogue([tmp_path])
     assert (tmp_path / CATALOGUE).read_bytes() == content
-
-
-def test_the_command_prints_a_table_and_json(sessions: Path) -> None:
-    run = CliRunner().invoke(command, [str(sessions), "--where", "kind = 'ball_drop'"])
-    assert run.exit_code == 1  # one session is broken
-    assert "height [m]" in run.stdout
-    assert "2 rows; 0 sessions read, 2 unchanged" in run.stdout
-    assert "broken: " in run.stderr
-    run = CliRunner().invoke(command, [str(sessions), "--table", "columns", "--json"])
-    document = json.loads(run.stdout)
-    assert {"name": "height", "unit": "m"} in document["rows"]

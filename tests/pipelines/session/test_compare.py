@@ -1,4 +1,4 @@
-"""Measurement against model over a whole session: the rows, the page, and what fails."""
+"""Measurement against model over a whole session: the rows and the page."""
 
 import json
 from pathlib import Path
@@ -53,15 +53,3 @@ def test_the_command_prints_one_document_and_writes_one_page(
     _, text = run(capsys, "compare", str(session_copy), "--jobs", "0")
     assert "nRMSE" in text
     assert "restitution, impact 1" in text
-
-
-def test_a_failed_experiment_is_named_and_the_others_are_compared(
-    session_copy: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = session_copy / "laser/drop_2.csv"
-    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
-    code, out = run(capsys, "compare", str(session_copy), "--jobs", "0", "--json")
-    document = json.loads(out)
-    assert code == 1
-    assert "drop_2.csv" in document["failed"]["drop"]
-    assert {row["experiment"] for row in document["rows"]} == {"nbr"}

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import labpipe as lp
 from labpipe.errors import ConfigError, UsageError
-from pipelines.commands.results import bundle as command, export as export_command
+from pipelines.commands.results import bundle as command
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -52,11 +52,3 @@ def test_a_bundle_holds_pages_that_lead_to_each_other_and_results(processed_sess
     expected = float(lp.result(processed_session, "drop", "repeats")["restitution"][0])
     assert float(shown.replace(",", ".")) == expected
     assert not list(folder.rglob("drop.displacement.*"))
-
-
-def test_the_table_of_quantities_has_a_decimal_comma_on_request(processed_session: Path, tmp_path: Path) -> None:
-    arguments = [str(processed_session), "--stage", "repeats", "--only", "drop", "--out", str(tmp_path)]
-    assert CliRunner().invoke(export_command, [*arguments, "--decimal", ","]).exit_code == 0
-    assert ";0,9" in (tmp_path / "drop.repeats.impact.csv").read_text("utf-8")
-    with pytest.raises(UsageError, match="of csv alone"):
-        lp.export(processed_session, "xlsx", decimal=",")

@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.io import loadmat
 
 from labpipe import files
-from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.errors import InputError, UsageError
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.session import compare, export, result
 from pipelines.session._export_formats import csv_tables, tex_text
@@ -96,17 +96,6 @@ def test_a_raw_file_is_exported_with_its_origin(small_session: Path, tmp_path: P
     with pytest.raises(UsageError, match="exists already; use --force"):
         export(small_session / "laser/drop_1.csv", out=tmp_path)
     export(small_session / "laser/drop_1.csv", out=tmp_path, replace=True)
-
-
-def test_wrong_sources_and_names_are_refused(processed_session: Path, tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match="labpipe init"):
-        export(tmp_path)
-    with pytest.raises(UsageError, match="bounces"):
-        export(processed_session, stages=["bounce"])
-    with pytest.raises(UsageError, match="expected one of csv, nc, mat, json, xlsx, tex"):
-        export(processed_session, "ods")
-    with pytest.raises(UsageError, match="do not go with a session"):
-        export(processed_session, reading={"cycle": "50 us"})
 
 
 def test_one_table_says_of_each_quantity_its_value_model_and_verdict(processed_session: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from instruments import keyence
 from instruments.keyence._markers import Status
-from labpipe.errors import SourceError, UsageError
+from labpipe.errors import SourceError
 from labpipe.frames import ArrayFrames
 from pipelines.session import describe, inspect, write_sheet
 from pipelines.session._inspection import film
@@ -78,23 +78,6 @@ def test_a_folder_says_of_each_file_what_it_is(tmp_path: Path) -> None:
     assert inspect(tmp_path / "none")["problems"][0].startswith("film.png: no frame rate. ")
 
 
-@needs_films
-def test_a_folder_tells_what_is_wrong_with_films_and_lists_what_is_alike_once(tmp_path: Path) -> None:
-    whole = (FILMS / "film/ptfe_front.cine").read_bytes()
-    (tmp_path / "a.cine").write_bytes(whole[: len(whole) * 2 // 3])
-    (tmp_path / "stack").mkdir()
-    for name, rows in (("f1.png", 9), ("f2.png", 9), ("f3.png", 8)):
-        assert cv2.imwrite(str(tmp_path / "stack" / name), np.zeros((rows, 9), np.uint8))
-    for number in range(3):
-        (tmp_path / f"log{number}.doc").write_bytes(b"nothing")
-    found = describe(tmp_path)
-    assert [row["file"] for row in found["files"]] == ["a.cine", "log0.doc and 2 more beside it", "stack"]
-    cut, *_, other = found["problems"]
-    assert cut.startswith("a.cine: ")
-    assert "lie beyond the end of the file" in cut
-    assert other.startswith("stack/f3.png: 9 × 8 px")
-
-
 def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_path: Path) -> None:
     path = FILMS / "film/ptfe_front.cine"
     found = describe(path)
@@ -107,11 +90,3 @@ def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_
     images = np.zeros((20, 4, 8), np.uint8)
     gap = film(ArrayFrames(images, time=np.r_[np.arange(10.0), np.arange(15.0, 25.0)]))
     assert gap["problems"] == ["frames are missing: the longest step is 6 s"]
-
-
-def test_a_table_is_drawn_and_a_wrong_target_is_refused(small_session: Path, tmp_path: Path) -> None:
-    source = small_session / "laser/drop_1.csv"
-    write_sheet(source, tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(UsageError, match=r"written as \.png"):
-        write_sheet(source, tmp_path / "a.jpg")

@@ -1,4 +1,4 @@
-"""A session as one object from Python, and what the verbs on results ask for."""
+"""A session as one object from Python."""
 
 from pathlib import Path
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import labpipe as lp
-from labpipe.errors import UsageError
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +37,3 @@ def test_a_variable_is_drawn_with_its_band(session) -> None:
     (main,) = session.plot("drop").lines
     np.testing.assert_array_equal(main.get_ydata(), found["displacement_mean"])
     plt.close(main.figure)
-
-
-def test_what_was_mistyped_or_left_out_is_said(session) -> None:
-    with pytest.raises(UsageError, match='did you mean "restitution"'):
-        session.plot("drop", "repeats", "restitutoin")
-    with pytest.raises(UsageError, match='did you mean "drop"'):
-        session.readings("dropp")
-    with pytest.raises(UsageError, match='did you mean "drop"'):
-        session.plot("dropp")
-    with pytest.raises(UsageError, match="name a stage of drop: readings, "):
-        lp.result(session.folder, "drop")

@@ -14,7 +14,7 @@ from labpipe.errors import ConfigError, UsageError
 from pipelines.experiments import KINDS
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import describe, init, open_session, survey
+from pipelines.session import init, open_session, survey
 
 
 @pytest.fixture
@@ -85,26 +85,6 @@ def test_a_template_waits_for_its_values_and_makes_no_mistake(tmp_path: Path) ->
     assert caught.value.problems
     assert all("to be filled in" in problem for problem in caught.value.problems)
     assert len(found.gaps) == len(caught.value.problems)
-
-
-def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
-    run = tmp_path / "session/run"
-    run.mkdir(parents=True)
-    for frame in range(3):
-        head = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA\n"
-        (run / f"DICe_solution_{frame:02d}.txt").write_text(head + "0,1,1,0.5,0.5,0.01\n")
-    (tmp_path / "session/film").mkdir()
-    picture = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
-    (tmp_path / "session/film/frame_1.png").write_bytes(picture)
-    assert describe(run / "DICe_solution_00.txt")["reader"] == "dice"
-    with pytest.raises(UsageError, match="no experiment is proposed") as caught:
-        init(tmp_path / "session")
-    _, *lines = str(caught.value).splitlines()
-    images, solutions = sorted(lines)
-    assert "run/ (displacement field of DICe)" in solutions
-    assert "no kind of experiment begins from them" in solutions
-    assert "film/ (film exported as images): neither its content nor its name tells" in images
-    assert not (tmp_path / "session/session.toml").exists()
 
 
 def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Path) -> None:

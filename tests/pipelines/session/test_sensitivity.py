@@ -66,10 +66,3 @@ def test_command_writes_a_page_per_kind_though_another_recording_is_lost(
     assert "limiting inputs, mean share of the variance" in page
     assert "Monte Carlo" in page
     assert {row["experiment"] for row in document["quantities"]} == {"nbr"}
-
-
-def test_where_the_result_bends_both_ways_differ_and_the_page_says_so() -> None:
-    inputs = {"a": Input(0.0, 1.0), "b": Input(0.0, 0.1)}
-    bent = examined("x", Quantity("y", "m", lambda a, b: a * a + b, inputs))
-    _, below = answer([bent])
-    assert "differ where the result is nonlinear within the uncertainty of an input: x, y (" in below.text

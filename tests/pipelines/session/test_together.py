@@ -5,12 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import labpipe
 from labpipe.errors import InputError, UsageError
 from pipelines.cli import main
-from pipelines.experiments.shared.comparison_rows import row
-from pipelines.session import beside, process, reopen_session
-from pipelines.session._comparison import labelled
+from pipelines.session import beside, process
 
 
 @pytest.fixture
@@ -56,12 +53,3 @@ def test_what_cannot_stand_side_by_side_is_refused(small_session: Path, processe
         beside(processed_session, "nbr", "nbr")
     with pytest.raises(InputError, match="drop has no results that are up to date"):
         beside(small_session, "drop", "nbr")
-
-
-def test_a_film_is_of_the_material_of_the_drops_it_is_laid_against() -> None:
-    session = reopen_session(Path(labpipe.__file__).parents[1] / "sample_data/thesis-small")
-    film, drop = (session.experiments[name] for name in ("ptfe_film", "ptfe_1p5mm"))
-    plain = row("bias of the displacement", "m", 2, against="laser", difference=0.0)
-    assert labelled(plain, drop, session).material == "ptfe_dma"
-    assert labelled(plain, film, session).material == "ptfe_dma"
-    assert labelled(plain, session.experiments["plate"], session).material == ""

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pipelines.session import catalogue, compare, open_session, process, verdict, verdict_on, verdicts_of
+from pipelines.session import catalogue, compare, open_session, verdict, verdict_on
 from pipelines.session._results import opened
 from pipelines.session._verdicts import stored_verdicts
 
@@ -37,19 +37,6 @@ def test_kept_verdicts_are_those_that_would_be_made_and_damage_is_noticed(sessio
     assert kept.read_bytes() == whole
     kept.unlink()
     assert verdict(session_copy) == again
-
-
-def test_findings_follow_their_lines_when_no_result_changes(session_copy: Path) -> None:
-    toml = session_copy / "session.toml"
-    toml.write_text(toml.read_text("utf-8").replace('"6 mm"', '"6 ± 5 mm"'), "utf-8")
-    before = verdicts_of(process(session_copy, jobs=0))
-    lines = {f.line for one in before.experiments for f in one.findings if f.file == toml.name}
-    assert lines
-    toml.write_text("# a remark\n" + toml.read_text("utf-8"), "utf-8")
-    done = process(session_copy, jobs=0)
-    assert all(o.state == "cached" for o in done.outcomes)
-    moved = {f.line for one in verdicts_of(done).experiments for f in one.findings if f.file == toml.name}
-    assert moved == {line + 1 for line in lines if line is not None}
 
 
 def test_the_verdict_on_an_experiment_that_fails_is_told_wherever_that_of_others_is(session_copy: Path) -> None:

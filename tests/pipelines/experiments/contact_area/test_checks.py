@@ -4,7 +4,6 @@ import msgspec
 import xarray as xr
 
 from labpipe.judging import Check
-from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import checks
 from pipelines.experiments.shared.judgements import believed
 from tests.mistakes.test_films import SETTINGS, film, judgement_of
@@ -29,12 +28,3 @@ def test_another_polymer_is_named_after_the_mass(film: xr.Dataset) -> None:
     told = finding(judgement_of(film, sphere=rubber), checks.RADIUS)
     assert "sphere.mass in session.toml); or the polymer is another than stated, some" in told.cause
     assert told.cause.endswith("times stiffer in the impact")
-
-
-def test_a_record_of_another_day_is_impossible() -> None:
-    text = "the record was valid until 2023-04-30, the film is of 2024-05-14"
-    failed = (Failed("radius", None, text),)
-    context = Context("film", "contact_area", "", "", "", True, failures=failed)
-    found = believed(checks.judgement(None, None, None, None, settings=SETTINGS, context=context))
-    assert found.believable == "impossible"
-    assert "view or day" in found.causes[0]

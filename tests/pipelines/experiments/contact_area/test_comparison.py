@@ -41,14 +41,3 @@ def test_a_contact_that_lasts_longer_than_in_the_model_has_no_less_certain_size(
     found = np.array([_fit(*film(1.018, seed, longer=0.036), MODEL) for seed in range(8)])
     assert np.abs(found[:, 0] / 1.018 - 1.0).max() < 5e-3
     assert found[:, 1].max() < 5e-3
-
-
-def test_a_model_is_followed_between_its_times_up_to_touch_and_lift_off() -> None:
-    """Straight lines between radii 20 µs apart would lie below the model by 20 µm beside a touch."""
-    at = np.linspace(1e-3, 2.3e-3, 1311)
-    assert np.abs(MODEL(at) - _shape(at)).max() < 0.2e-6
-    assert np.abs(np.interp(at, _TIME, _FORM) - _shape(at)).max() > 10e-6
-    assert not MODEL(np.array([0.999e-3, 2.301e-3])).any()
-    inner = at[20:-20]
-    slope = (_shape(inner + 1e-8) - _shape(inner - 1e-8)) / 2e-8
-    np.testing.assert_allclose(MODEL.rate(inner), slope, rtol=1e-3, atol=1e-3)

@@ -224,12 +224,3 @@ def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "a single temperature determines no shift" in page
     assert "only one temperature" in page
-
-
-def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
-    made = tables([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
-    text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
-    (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
-    assert {f.task.stage for f in process(session, jobs=0).failures} == {"sweeps", "temperature_sweep"}
-    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
-    assert "no column for: temperature" in page

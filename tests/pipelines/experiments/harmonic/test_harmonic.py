@@ -20,7 +20,6 @@ from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER
 from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import open_session, process, result
-from tests.pipelines.shown import texts_between
 
 START = datetime(2024, 5, 14, 9, 30)
 PROTOCOL = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=6)
@@ -96,29 +95,6 @@ def test_the_work_of_the_theory_is_that_of_the_equation(session: Path) -> None:
         assert float(found["dissipated_work"][i]) == pytest.approx(float(known), rel=1e-12)
     gap = found["work_difference"].values / table["work_per_cycle"].values
     assert np.abs(gap).max() < 0.04
-
-
-def test_dimensionless_numbers_follow_their_definitions(session: Path) -> None:
-    found, table = stage(session, "theory"), stage(session, "oscillations")
-    relaxed = float(materials.load("nbr").E_relaxed)
-    np.testing.assert_allclose(found["dimensionless_frequency"], table["frequency"] * 1.56e-10, rtol=1e-12)
-    np.testing.assert_allclose(
-        found["dimensionless_work_measured"], table["work_per_cycle"] / (relaxed * 8e-3 * 2e-3 * 18e-3), rtol=1e-12
-    )
-    np.testing.assert_allclose(found["dimensionless_amplitude"], table["amplitude"] / 2e-3)
-    np.testing.assert_allclose(found["dimensionless_mean"], 0.05, rtol=0.01)
-
-
-def test_without_a_punch_no_sentence_speaks_of_a_model(session: Path, tmp_path: Path) -> None:
-    for name in ("nbr.txt", "calibration/load_cell.toml"):
-        where = next(session.rglob(Path(name).name))
-        files.write_bytes(tmp_path / where.relative_to(session), where.read_bytes())
-    text = (session / "session.toml").read_text("utf-8")
-    files.write_text(tmp_path / "session.toml", text[: text.index("[experiments.nbr.punch]")])
-    assert process(tmp_path, jobs=0).exit_code == 0
-    page = (tmp_path / "labpipe/reports/nbr.html").read_text("utf-8")
-    assert "names no punch" in page
-    assert not any("model" in text for text in texts_between(page, "frequencies", "uncertainty-budgets"))
 
 
 def test_where_the_theory_does_not_apply_it_says_so_and_nothing_fails(session: Path) -> None:

@@ -12,7 +12,6 @@ import pytest
 import xarray as xr
 
 from labpipe import files, materials
-from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity
@@ -176,19 +175,6 @@ def test_every_ramp_of_a_block_is_found() -> None:
     np.testing.assert_allclose([h.start for h in found], [0.0, 0.1e-3, 0.3e-3], atol=1e-12)
     np.testing.assert_allclose([h.last - h.end for h in found], [5.0, 4.0, 3.0], atol=0.03)
     np.testing.assert_allclose([h.speed for h in found], 1e-3, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("move", "spoilt", "told"),
-    [
-        ((0.1e-3, 5.0), {"function": ("block_index", ["Sinusoid"])}, "no Stress Relaxation block; its blocks are: Sin"),
-        ((0.0, 5.0), {}, "there is no ramp"),
-        ((2e-3, 0.05), {}, "moves on"),
-    ],
-)
-def test_a_file_without_a_held_ramp_is_refused(move: tuple[float, float], spoilt: Any, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        relaxation.find(history(move).assign(spoilt))
 
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="the shared samples are not beside the checkout")

@@ -1,5 +1,3 @@
-from math import nan
-
 from labpipe.uncertainty import Input
 from pipelines.experiments.shared.budget_blocks import section
 from pipelines.experiments.shared.budget_quantity import Quantity
@@ -16,8 +14,3 @@ def test_repeats_show_with_students_factor_and_both_ways_of_propagation() -> Non
     assert row[0] == "height"
     assert abs(row[3] - 2.776) < 0.001  # Student's quantile of four degrees of freedom
     assert row[4:7] == ("4", "agree", "repeats, 100 %")
-
-
-def test_what_was_not_found_has_no_budget() -> None:
-    inputs = {"mean": Input(nan, 0.0), "repeats": Input(0.0, 0.1)}
-    assert section("drop", [Quantity("height", "m", total, inputs)]) == ()

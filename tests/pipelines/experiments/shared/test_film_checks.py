@@ -27,7 +27,6 @@ from pipelines.experiments.shared.film_checks import (
     repeated,
     said_by_file,
     whole_film,
-    wrong_rate,
 )
 from pipelines.experiments.shared.film_frames import open_film
 from pipelines.experiments.shared.judgements import failed_steps
@@ -75,13 +74,6 @@ def test_a_stated_exposure_is_a_flash_or_contradicts_the_shutter(
     check = exposure_stated(film(np.arange(COUNT) / RATE), "a.cine", Quantity(seconds, 0.0, "s"))
     assert (check.level, check.setting) == (level, "exposure")
     assert "5.00 µs" in check.message
-
-
-def test_images_hold_neither_so_that_nothing_contradicts() -> None:
-    found = xr.Dataset(attrs={"said_by_file": said_by_file(as_frames(np.zeros((4, 8, 8), np.uint8)))})
-    rate = Quantity(RATE, 0.0, "Hz")
-    assert not exposure_stated(found, "frames", Quantity(SHUTTER, 0.0, "s")).is_made
-    assert wrong_rate({}, rate, found, "a.cine").setting == "frame_rate"
 
 
 def fall() -> np.ndarray:

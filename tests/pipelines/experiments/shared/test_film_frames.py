@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from pipelines.experiments.shared.film_frames import key_frames, strip, thinned
+from pipelines.experiments.shared.film_frames import key_frames, strip
 
 
 @dataclass
@@ -58,9 +58,3 @@ def test_a_strip_of_a_film_fits_its_page_and_keeps_the_frame_that_is_shown_first
         assert gallery.frames[gallery.start].at == 3.0
     flat = [(np.zeros((48, 64, 3), np.uint8), "a", "b", float(i)) for i in range(60)]
     assert len(strip("Film", flat).frames) == 60
-
-
-def test_key_frames_are_always_among_those_of_a_strip() -> None:
-    assert thinned(range(1000), [0, 501, 999]) == sorted({*thinned(range(1000), [0, 501, 999]), 0, 501, 999})
-    assert len(thinned(range(1000), [0, 501, 999])) == 60
-    assert thinned([4, 5], [1]) == [1, 4, 5]

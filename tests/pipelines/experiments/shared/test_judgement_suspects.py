@@ -108,16 +108,6 @@ def test_a_value_without_uncertainty_makes_a_model_undecided_where_half_its_last
     assert ("height (± 500 µm)" in first) == (model == "undecided"), first
 
 
-def test_a_suspect_beyond_ten_of_its_uncertainties_comes_last_and_says_so() -> None:
-    known = {"mass": Quantity(0.5, 1e-4, "kg"), "ruler": Quantity(1.0, 2e-3, "1")}
-    ways = ({"mass": -1.0, "ruler": -0.4}, {"mass": -1.0, "ruler": -0.6})
-    values = {"measured": (0.99, 1e-3), "model": (1.0, 0.0), "difference": (-1e-2, 1.5e-3)}
-    rows = [row("length", "1", 1, slopes=slopes, **values) for slopes in ways]
-    first, second = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
-    assert first.startswith("ruler")
-    assert re.search(r"^mass stated 10.* too large .*, but that is 10\d times its stated uncertainty$", second), second
-
-
 def _dma(level):
     found = judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
     return found.assign_attrs(experiment="nylon_dma")

@@ -3,20 +3,14 @@
 from datetime import datetime
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
 from instruments import keyence
-from labpipe.errors import ConfigError, SourceError
+from labpipe.errors import SourceError
 from labpipe.units import quantity
-from labpipe.workflow import config
 from pipelines.experiments.shared.laser_readings import read_laser
-from pipelines.experiments.shared.settings import Keyence, Table
-
-
-class Holder(Table, frozen=True, kw_only=True):
-    keyence: Keyence
+from pipelines.experiments.shared.settings import Keyence
 
 
 @pytest.fixture
@@ -42,11 +36,3 @@ def test_a_contradiction_to_the_file_is_refused(tmp_path: Path) -> None:
         read_laser(tmp_path / "a.csv", Keyence(storage_factor=5))
     with pytest.raises(SourceError, match=r"the option cycle says 0\.0001 s"):
         read_laser(tmp_path / "a.csv", Keyence(cycle=quantity("100 us")))
-
-
-@pytest.mark.parametrize(("value", "words"), [("0", "must be"), ('"two"', "expected")])
-def test_a_wrong_storage_factor_is_a_mistake_of_its_line(tmp_path: Path, value: str, words: str) -> None:
-    (tmp_path / "a.toml").write_text(f"[keyence]\nstorage_factor = {value}\n")
-    with pytest.raises(ConfigError, match=rf"a.toml:2: keyence.storage_factor: {words}"):
-        config.read(tmp_path / "a.toml", Holder)
-    assert msgspec.to_builtins(Keyence(storage_factor=3))["storage_factor"] == 3

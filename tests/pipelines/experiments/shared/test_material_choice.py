@@ -82,15 +82,6 @@ def test_beyond_the_isotherms_the_law_goes_on_with_a_warning_until_its_pole(fitt
         resolve(choice(30.0), None, one)
 
 
-def test_an_uncertain_temperature_gives_a_warmer_solid(fitted):
-    warm = MaterialChoice(material_from="dma", temperature=Quantity(30.0, 0.5, "degC"))
-    known = fitted.assign(u_nu=0.0).assign_attrs(fitted.attrs | {"modulus_factor": 1.0})
-    found = variations(warm, None, known, TIMES)
-    changed = found["temperature"]
-    assert changed.solid == resolve(choice(30.0 + changed.change), None, fitted)
-    assert variations(choice(30.0), None, known, TIMES)["temperature"].given.u == 0.0  # counts as exact
-
-
 @pytest.mark.parametrize(("factor", "power"), [(1.0, 2), (2.8, 1)])
 def test_an_uncertain_poisson_ratio_changes_the_modulus_of_a_contact(fitted, factor, power):
     """E / (1 - nu^2) of a modulus in tension, 2 G / (1 - nu) of one in shear."""

@@ -36,18 +36,6 @@ def test_the_elastic_force_is_that_of_the_simulator(profile: str) -> None:
     np.testing.assert_allclose(found, made["force"].values, rtol=1e-4)
 
 
-def test_depths_may_come_in_any_order_and_lie_in_air() -> None:
-    mixed = np.array([0.3e-3, -1e-3, 0.1e-3])
-    found = elastic_force(mixed, geometry("circle"))
-    assert found[1] == 0.0
-    np.testing.assert_allclose(found[[2, 0]], elastic_force(DEPTHS[1:], geometry("circle")))
-
-
-def test_a_bonded_layer_is_stiffer_the_thinner_it_is() -> None:
-    thin, thick = (elastic_force(DEPTHS, geometry("parabola", t)) for t in (2e-3, 4e-3))
-    assert (thin > thick).all()
-
-
 def test_sensitivities_are_those_of_finite_differences() -> None:
     chosen = geometry("parabola")
     found = {s.source: s.sensitivity for s in relative_sources(0.1e-3, 1e-7, chosen)}

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 from labpipe import files, materials
-from labpipe.errors import ConfigError, InputError
+from labpipe.errors import ConfigError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import quantity
@@ -151,17 +151,6 @@ def test_times_need_not_be_given_and_one_half_a_minute_off_is_told(session: Path
     loads[2] = msgspec.structs.replace(loads[2], time=quantity("1145 s"))
     with pytest.warns(UserWarning, match=r"3.5 kg: 109\d s, given 1145 s"):
         load_steps.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
-
-
-def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:
-    chosen = settings(session)
-    long = msgspec.structs.replace(chosen.steps, window=quantity("100 s"))
-    with pytest.raises(InputError, match=r"too short for two windows .* lower steps.window"):
-        static_loading.approach(
-            stage(session, "displacement"),
-            stage(session, "steps"),
-            settings=msgspec.structs.replace(chosen, steps=long),
-        )
 
 
 @pytest.mark.parametrize(
