@@ -9,6 +9,7 @@ import contextlib
 import importlib
 import multiprocessing
 import os
+import pkgutil
 import signal
 import sys
 import threading
@@ -54,8 +55,7 @@ class Call:
 
     def run(self) -> Any:
         """Call the function here."""
-        module, _, name = self.function.partition(":")
-        return getattr(importlib.import_module(module), name)(*self.arguments)
+        return pkgutil.resolve_name(self.function)(*self.arguments)
 
 
 @dataclass(slots=True)
