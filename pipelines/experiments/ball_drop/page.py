@@ -2,15 +2,13 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.report import Band, KeyValues, LineChart, Listed, Notice, Paragraph, Section, Series, listed
-from labpipe.workflow.context import Context
+from labpipe.report import Band, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.model import FOLLOWED
@@ -167,20 +165,6 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
     return Section("Repeats", (listed(columns, text),))
 
 
-def _files(
-    settings: BallDrop,
-    context: Context,
-    readings: Sequence[xr.Dataset | None] = (),
-    displacement: Sequence[xr.Dataset | None] = (),
-) -> Section:
-    first = ("recordings", str(len(settings.laser)), "repeats of the same drop")
-    section = pages.laser_recordings(first, settings.sphere, context, readings, displacement)
-    if not settings.analysis.inclination_from_height:
-        return section
-    notice = Notice("info", "The inclination was fitted from the drop height, not taken from the record.")
-    return replace(section, blocks=(notice, *section.blocks))
-
-
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:
     rows = [
         (title, pages.told(model, name, 0), "first impact")
@@ -238,6 +222,6 @@ def _methods(
 page = Report(
     lambda settings: f"Ball drop from {pages.stated(settings.height)}",
     ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    (summary(compared_rows), motion, _bounces, _recordings, _files, _model, budgets(quantities), _methods),
+    (summary(compared_rows), motion, _bounces, _recordings, pages.recordings, _model, budgets(quantities), _methods),
     compared_rows,
 )

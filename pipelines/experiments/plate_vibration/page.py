@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import Band, Block, LineChart, Listed, Role, Section, Series, listed
-from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label
@@ -29,17 +28,6 @@ def _details(
         remark = "from amplitude and simulated momentum; the uncertainty of the spheres' moduli is not included"
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
     return rows
-
-
-def _files(
-    settings: PlateVibration,
-    context: Context,
-    readings: Sequence[xr.Dataset | None] = (),
-    displacement: Sequence[xr.Dataset | None] = (),
-) -> Section:
-    count = sum(len(drops.laser) for drops in settings.drops)
-    first = ("recordings", str(count), f"{len(settings.drops)} combinations of material and height")
-    return pages.laser_recordings(first, settings.sphere, context, readings, displacement)
 
 
 def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
@@ -123,6 +111,6 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
 page = Report(
     "Vibration of the plate",
     ("readings", "displacement", "ringing", "table", "plate", "comparison"),
-    (summary(compared_rows, _details), _files, _motion, _table, _recordings, budgets(quantities), _methods),
+    (summary(compared_rows, _details), pages.recordings, _motion, _table, _recordings, budgets(quantities), _methods),
     compared_rows,
 )

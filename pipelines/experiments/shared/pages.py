@@ -243,18 +243,15 @@ def raw_headers(datasets: Iterable[xr.Dataset]) -> tuple[Details, ...]:
     return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
 
 
-def laser_recordings(
-    recordings: tuple[str, str, str],
-    body: Any,
-    context: Context,
-    readings: Sequence[xr.Dataset | None],
-    displacement: Sequence[xr.Dataset | None],
-) -> Section:
-    """Show the recordings of a laser, the falling body, and the sensor's calibration, folded away.
+def recordings(settings: Any, context: Context, readings: Any = None, displacement: Any = None) -> Section:
+    """Show recordings by laser, the falling body, and the sensor's calibration, folded away.
 
-    ``recordings`` is the first row, ``body`` has a ``radius`` and, where it falls, a ``mass``, or is None.
+    Results are those of one recording, or one for each of several.
     """
-    rows, blocks, read = [recordings], list[Block](), present(readings)
+    files = settings.laser if hasattr(settings, "laser") else [name for drops in settings.drops for name in drops.laser]
+    files, blocks, body = [files] if isinstance(files, str) else files, list[Block](), settings.sphere
+    read, moved = (present(found if isinstance(found, Sequence) else [found]) for found in (readings, displacement))
+    rows = [("recordings", str(len(files)), files[0] if len(files) == 1 else "")]
     if read:
         first = read[0].attrs
         rate = value_with_uncertainty(1 / float(first["sampling_interval"]), 0.0, "Hz")
@@ -267,12 +264,17 @@ def laser_recordings(
         if hasattr(body, "mass"):
             rows.append(("moving mass", stated(body.mass), "sphere and holder"))
     blocks.append(KeyValues([row for row in (*rows, *remarks(context)) if row[1]]))
-    if moved := present(displacement):
-        attrs = moved[0].attrs
+    if moved:
+        attrs, remark = moved[0].attrs, "true displacement = reading / cos(inclination)"
+        if getattr(getattr(settings, "analysis", None), "inclination_from_height", False):
+            remark = f"fitted from the drop height, not taken from the record; {remark}"
         scale, noise = f"{float(attrs['u_systematic_relative']) * 100:.3f} %", quantity(float(attrs["noise"]), "m")
-        used = ("inclination used", told(moved[0], "inclination"), "true displacement = reading / cos(inclination)")
         common = "inclination and gain; the same for every sample and recording"
-        known = [used, ("relative uncertainty of the scale", scale, common), ("noise of a sample", noise, "at rest")]
+        known = [
+            ("inclination used", told(moved[0], "inclination"), remark),
+            ("relative uncertainty of the scale", scale, common),
+            ("noise of a sample", noise, "at rest"),
+        ]
         caption = "Budget for the largest displacement of the first recording"
         budget = budget_table(json.loads(attrs["budget"]), caption, "m")
         blocks += [calibration_rows(attrs["calibration"]), KeyValues(known), *budget]

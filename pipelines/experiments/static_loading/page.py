@@ -6,7 +6,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import Band, LineChart, Listed, Section, Series, listed
-from labpipe.workflow.context import Context
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import described_flat
 from pipelines.experiments.shared.reports import Report, budgets, summary
@@ -38,16 +37,6 @@ def _details(
         misfit, noise = (f"{float(steps[name]) * _UM:.2f} µm" for name in ("scatter", "noise"))
         rows.append(("misfit of the creep fit", misfit, f"noise of a reading: {noise}"))
     return rows
-
-
-def _files(
-    settings: StaticLoading,
-    context: Context,
-    readings: xr.Dataset | None = None,
-    displacement: xr.Dataset | None = None,
-) -> Section:
-    first = ("recording", settings.laser, pages.counted(len(settings.loads), "load"))
-    return pages.laser_recordings(first, settings.sphere, context, [readings], [displacement])
 
 
 def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = None) -> Section:
@@ -126,6 +115,6 @@ def _methods(
 page = Report(
     "Static loading",
     ("readings", "displacement", "steps", "approach", "model", "comparison"),
-    (summary(compared_rows, _details), _files, _radii, _loads, _compliance, budgets(quantities), _methods),
+    (summary(compared_rows, _details), pages.recordings, _radii, _loads, _compliance, budgets(quantities), _methods),
     compared_rows,
 )
