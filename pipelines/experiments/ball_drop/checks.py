@@ -1,6 +1,6 @@
 """Checks of a ball drop: free fall, stated height, order of bounces, contact, levels, repeats, and the record."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -167,14 +167,11 @@ def _causes(
     record, lasts, sphere = settings.calibration, fall_checks.DURATION, settings.sphere
     of_lengths = partial(Cause, {G: 1.0, HEIGHT: 1.0})
 
-    def lengths(why: str) -> Callable[[float], str]:
-        return lambda k: f"lengths come out {too_large(k)}: {why}"
-
     file, first = next(((name, found) for name, found in readings.items() if found is not None), ("", None))
     if first is not None:
         yield judgements.wrong_interval({G: -2.0, lasts: 1.0}, file, first, settings.keyence.cycle is not None)
         line, usual = line_of(str(first.attrs.get("header", "")), "unit", "単位"), SLIPS["length"] + SLIPS["gain"]
-        say = lengths(
+        say = judgements.wrong_lengths(
             f"the unit, the decimal point or the display factor of {file} is not what it says"
             f"{f' (line {line})' * bool(line)}"
         )
@@ -193,7 +190,7 @@ def _causes(
         if _LEAST_COSINE < cosine < 1.01:
             yield of_lengths(inclined, file=record, setting="values.inclination")
         else:
-            say = lengths(f"the scale of {record} or the gain of the sensor is not what it says")
+            say = judgements.wrong_lengths(f"the scale of {record} or the gain of the sensor is not what it says")
             yield of_lengths(say, file=record, setting="values.scale")
     yield judgements.stated_wrongly({HEIGHT: -1.0}, "the drop height", settings.height, "height")
     # Hertz: t ~ m^0.4 R^-0.2 E^-0.4

@@ -45,9 +45,9 @@ class Export:
         """Return one column at trusted rows."""
         return np.asarray(self.data[name].values[self.good], float)
 
-    def place(self, row: int, *names: str) -> str:
+    def place(self, row: int) -> str:
         """Return the file, interval and point of a row of the table."""
-        parts = [f"{n} {int(self.data[n].values[row])}" for n in names or ("interval", "point") if n in self.data]
+        parts = [f"{n} {int(self.data[n].values[row])}" for n in ("interval", "point") if n in self.data]
         return f"{self.name}, {', '.join(parts) if parts else f'row {row + 1}'}"
 
     def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:

@@ -6,14 +6,13 @@ much momentum came: a height or a material that is stated wrongly moves that of 
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from math import hypot, inf, log, nan
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, not_made, too_large
+from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, not_made
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -153,8 +152,4 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
         yield judgements.stated_wrongly(by_height, name, drops.height, f"drops[{i}].height", u=inf)
         of_unit = f"the unit or the display factor of {', '.join(drops.laser)} is not what it says"
         place: dict[str, Any] = {"setting": f"drops[{i}].laser"} if len(drops.laser) > 1 else {"file": drops.laser[0]}
-        yield Cause(by_amplitude, partial(_of_lengths, of_unit), SLIPS["length"], only_usual=True, **place)
-
-
-def _of_lengths(why: str, factor: float) -> str:
-    return f"lengths come out {too_large(factor)}: {why}"
+        yield Cause(by_amplitude, judgements.wrong_lengths(of_unit), SLIPS["length"], only_usual=True, **place)

@@ -208,13 +208,10 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
     def of_masses(k: float) -> str:
         return f"the masses come out {too_large(k)}: {masses} (loads in session.toml)"
 
-    def of_lengths(k: float) -> str:
-        return f"lengths come out {too_large(k)}: {length}"
-
     radii = SLIPS["gain"] + _LENGTHS
     return (
         Cause({MATERIAL: -2 / 3}, of_masses, SLIPS["mass"], only_usual=True, setting="loads"),
         Cause({MATERIAL: 1 / 3}, of_radius, radii, only_usual=True, setting="sphere.radius"),
-        Cause({MATERIAL: 1.0}, of_lengths, _LENGTHS, only_usual=True, file=settings.laser),
+        Cause({MATERIAL: 1.0}, judgements.wrong_lengths(length), _LENGTHS, only_usual=True, file=settings.laser),
         Cause({MATERIAL: 1.0}, of_material, setting="sphere"),
     )

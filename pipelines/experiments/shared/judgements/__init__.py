@@ -36,5 +36,6 @@ from pipelines.experiments.shared.judgements._usual import (
     times_over as times_over,
     uncertainties_stated as uncertainties_stated,
     wrong_interval as wrong_interval,
+    wrong_lengths as wrong_lengths,
     wrong_scale as wrong_scale,
 )

@@ -1,7 +1,7 @@
 """Checks and causes that several kinds have in common: failed steps, stated values, days, intervals, scales."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date, timedelta
 from math import inf, log
@@ -151,10 +151,15 @@ def wrong_scale(effects: Mapping[str, float], record: str, u: float = inf) -> Ca
     def say(factor: float) -> str:
         why = ", of another view" if abs(log(factor)) > log(ANOTHER_VIEW) else ""
         why = ", or the camera is tilted" if _TILTED < factor < 1.0 else why
-        return f"lengths come out {too_large(factor)}: the scale in {record} is wrong{why}"
+        return wrong_lengths(f"the scale in {record} is wrong{why}")(factor)
 
     usual = SLIPS["length"] + SLIPS["gain"] + SLIPS["view"]
     return Cause(effects, say, usual, u=u, file=record, setting="values.pixel_length")
+
+
+def wrong_lengths(why: str) -> Callable[[float], str]:
+    """Return the sentence of a cause that multiplies all lengths: by how much, and why."""
+    return lambda factor: f"lengths come out {too_large(factor)}: {why}"
 
 
 def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
