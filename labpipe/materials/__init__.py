@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         shift_at as shift_at,
         wlf as wlf,
     )
+    from labpipe.materials._specimen import form_factor as form_factor
     from labpipe.materials._step_tests import with_responses as with_responses
     from labpipe.materials.library import (
         Material as Material,
