@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 else:
     __getattr__ = lazily(__name__)
 
-
 RAW_FRAMES = "Raw frames name neither their size nor their bits: keep the header (.cih or .cihx) of a .mraw in its "
 RAW_FRAMES += "folder, or export the film as TIFF."
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp")

@@ -13,7 +13,7 @@ from pathlib import Path
 from instruments._layout import trimmed
 from instruments._quantities import WORDS, is_unit, unit_of
 from instruments.keyence._markers import marker_status
-from labpipe.errors import UNSAID, InputError, SourceError
+from labpipe.errors import UNSAID, InputError, SourceError, warn_of
 from labpipe.text import shorten
 from labpipe.units import quantity
 
@@ -183,9 +183,11 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
         text = f"the first row has {len(row)} cells, its names are {len(names)}"
         raise SourceError(path, text, line=start + 1, column=1, hint=hint)
     kept: list[int] = []
-    times = None
+    times, unneeded = None, _unneeded(names)
     for index, cell in enumerate(row):  # without names the cells of the first row tell
         label = _LABEL.fullmatch(names[index]) if names else None
+        if index in unneeded:
+            continue
         if times is None and (_TIME.fullmatch(label[1]) if label else CLOCK.fullmatch(cell)):
             times = index
         elif (cell or (label and label[0])) and not _JUDGEMENT.fullmatch(cell):
@@ -202,6 +204,9 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
     if names_at is not None:
         outputs, units = _outputs(path, [names[index] for index in of_outputs], names_at)
         units = _units_below(path, lines[:start], names_at, delimiter, of_outputs) or units
+    others = [names[k] or f"column {k + 1}" for k in sorted(unneeded) if not _JUDGEMENT.fullmatch(row[k])]
+    if others:
+        warn_of(path, f"not read: {', '.join(others)}", line=(names_at or 0) + 1)
     entries: dict[str, tuple[int, tuple[str, ...], str]] = {}
     for number, line in enumerate(lines[: start if names_at is None else names_at], 1):
         cells = split_cells(line, delimiter)
@@ -214,11 +219,23 @@ def parse_header(path: Path, lines: Sequence[str]) -> Header:
     return Header(path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept), times)
 
 
+def _unneeded(names: Sequence[str]) -> set[int]:
+    """Return the places of other columns beside outputs OUT1, OUT2, …, a counter and times, such as notes."""
+    if not any(map(_OUTPUT.fullmatch, names)):
+        return set()
+    labels = map(_LABEL.fullmatch, names)
+    known = [label and (_COUNTER.fullmatch(label[0]) or _TIME.fullmatch(label[1])) for label in labels]
+    return {k for k, name in enumerate(names) if not (known[k] or _OUTPUT.fullmatch(name))}
+
+
 def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
     """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
+    unneeded: set[int] = set()
     for index, line in enumerate(lines):
         for delimiter in ("\t", ";", ","):
-            filled = trimmed(split_cells(line, delimiter))
+            cells = split_cells(line, delimiter)
+            unneeded = _unneeded(cells) or unneeded
+            filled = trimmed([cell for k, cell in enumerate(cells) if k not in unneeded])
             others = [cell for cell in filled if not _is_reading(cell)]
             is_row = len(others) < len(filled) and all(CLOCK.fullmatch(c) or _JUDGEMENT.fullmatch(c) for c in others)
             if delimiter in line and is_row:

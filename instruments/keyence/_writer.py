@@ -38,24 +38,9 @@ def encode(
 ) -> bytes:
     """Return the bytes of a storage file (UTF-8 with its mark, commas, CRLF).
 
-    Parameters
-    ----------
-    outputs : mapping
-        Number of the output to its readings in SI, one per stored point, NaN where there is none.
-    cycle, start : str or float or Quantity, datetime
-        Time between samples, ``"50 us"`` or s; the date.
-    storage_factor, averaging : int
-        As set on the controller.
-    unit_text, decimals : str, int
-        Of the display: readings are rounded to it. InputError where one does not fit its eight characters.
-    measuring_range : float [SI]
-        Readings beyond ± this value are over range.
-
-    Examples
-    --------
-    >>> text = encode({1: np.array([1e-3, 9e-3])}, cycle="50 us", start=datetime(2024, 5, 14), measuring_range=5e-3)
-    >>> text.decode("utf-8-sig").split()[-2:]
-    ['1,+01.0000', '2,+FFFFFFF']
+    ``outputs`` holds the readings of each output in SI, one per stored point, NaN where there is none. They are rounded
+    to the display's ``unit_text`` and ``decimals`` (InputError where one does not fit its eight characters), and over
+    range beyond ± ``measuring_range`` [SI]; ``cycle`` is the time between samples, such as ``"50 us"``.
     """
     columns, known = [], unit(unit_text)
     for output, readings in sorted(outputs.items()):

@@ -28,7 +28,6 @@ from labpipe.variables import variable
 
 DEVICE = "Biomomentum Mach-1"
 
-
 COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}  # times compression is the force of the file
 
 

@@ -205,6 +205,13 @@ def test_other_columns_labels_and_footers_leave_the_numbers(tmp_path, name):
     np.testing.assert_allclose(readings.time.values, np.arange(N_DROP) * 1e-4, rtol=0, atol=1e-9)
 
 
+def test_a_column_of_notes_is_passed_over(tmp_path):
+    text = LINES + "Unit,mm\nNo.,OUT1,Note\n" + table("{i},{v:+08.4f},").replace("\n", "released by hand\n", 1)
+    with pytest.warns(UserWarning, match="not read: Note"):
+        readings = read_text(tmp_path, text)
+    np.testing.assert_allclose(readings.out1.values, DROP * 1e-3, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("text", "words", "line"),
     [
