@@ -262,7 +262,6 @@ EXPERIMENTS = ROOT / "pipelines/experiments"
 MAY_NAME_KINDS = tuple(ROOT / "pipelines" / name for name in ("rig", "figures", "bench"))
 HOMES = {name: f"pipelines.experiments.{name}" for name in KINDS}
 
-
 PHYSICS = tuple(ROOT / "labpipe" / name for name in ("signals", "imaging", "materials", "contact", "identification"))
 """A relaxation and a harmonic are phenomena there, before they are kinds of experiment."""
 

@@ -155,7 +155,6 @@ CASES |= {
 
 # --- Keyence --------------------------------------------------------------------------------------
 
-
 LASER = keyence.encode({1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14)).decode("utf-8-sig")
 KEYENCE = {
     "keyence_letter_in_number": ("+00.2000", "+0x.2000"),
@@ -168,7 +167,6 @@ KEYENCE = {
     "keyence_count": ("Data count,6", "Data count,7"),
     "keyence_decimal_comma": ("+00.4000", "+00,4000"),
 }
-
 
 edited(LASER, KEYENCE, lambda f, text: read("a.csv", text.encode(), instrument="keyence")(f))
 
@@ -190,7 +188,6 @@ CASES |= {
 
 # --- Mach-1, rheometer, films ---------------------------------------------------------------------
 
-
 ROWS = "".join(f"{i * 0.01:.6f}\t0.1{i}0000\t-0.25{i}000\r\n" for i in range(10))
 SINUSOID = (
     "<Mach-1 File>\r\n<INFO>\r\nDate:\tWed, Jul 19, 2023\r\nTime:\t12:14:21.065\r\n"
@@ -206,7 +203,6 @@ MACH1 = {
     "mach1_row_missing": ("0.040000\t0.140000\t-0.254000\r\n", ""),
 }
 
-
 edited(SINUSOID, MACH1, lambda f, text: read("m.txt", text.encode())(f))
 
 RHEOMETER = (
@@ -220,7 +216,6 @@ SWEEPS = {
     "rheometer_unit": ("[rad/s]", "[turns]"),
     "rheometer_no_units": ("\t\t[rad/s]\t[Pa]\t[Pa]\r\n", ""),
 }
-
 
 edited(RHEOMETER, SWEEPS, lambda f, text: read("r.csv", text.encode("utf-16"))(f))
 

@@ -32,5 +32,4 @@ def small_disk(folder: Path, size: int) -> Iterator[Path]:
 
 def resize(folder: Path, size: int) -> None:
     """Give a small disk another size."""
-    said = _run("mount", "-o", f"remount,size={size}", str(folder))
-    assert said is None, said
+    assert (said := _run("mount", "-o", f"remount,size={size}", str(folder))) is None, said

@@ -23,7 +23,6 @@ ROWS = [
     ["3", "0.6283", "2.3001E+09", "9.9000E+07", "0.043", "25.00", "0.010", ""],
 ]
 
-
 LABELS = {
     "en": ("Project:", "Test:", "Result:", "Interval and data points:", "Interval data:"),
     "de": ("Projekt:", "Versuch:", "Ergebnis:", "Abschnitt und Datenpunkte:", "Abschnittsdaten:"),

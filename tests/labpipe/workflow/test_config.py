@@ -114,7 +114,6 @@ def test_what_is_not_a_reasonable_toml_file_is_refused(tmp_path: Path, text: str
 
 TEXTS = st.sampled_from(["", "9 mm", "1e999 mm", "2 ± x s", "FILL m", "../x", "auto", "\0é"])
 
-
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | TEXTS
 KEYS = st.sampled_from(["radius", "name", "a"])
 TREES = st.recursive(LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner), max_leaves=5)
