@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from labpipe import files
-from labpipe.errors import SourceError, UsageError
+from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.code import behind
@@ -195,12 +195,12 @@ def _first(texts: Sequence[str], separator: str) -> str:
 def wanted_tasks(
     session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str | TaskId] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
-    """Pick the tasks that targets and experiments name; one name may stand alone. UsageError where one is unknown."""
+    """Pick the tasks of named targets and experiments; UsageError where one is unknown, InputError where it waits."""
     experiments = set(session.experiments) if only is None else {only} if isinstance(only, str) else set(only)
     for name in sorted(experiments - set(session.experiments)):
         if name in session.waiting:
             message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
-            raise UsageError(message)
+            raise InputError(message)
         raise UsageError(f'there is no experiment "{name}"{suggest(name, session.experiments)}')
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
     if targets is None:

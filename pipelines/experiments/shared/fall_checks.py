@@ -157,6 +157,7 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
         seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
         others = shown(float(np.median(np.delete(values, worst))), own, unit)
         text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}"
+        text += f"; repeats may differ by {100 * allowance / least:.2g} %" if allowance else ""
         place: dict[str, Any] = {"allowance": allowance, "factor": False, "file": file, "cause": cause}
         check = compared(name, text, seen, float(scale[worst]), centre, u_centre, **place)
         if len(falls) == 2 and check.level:  # which of them is right nobody knows, nor how much a body scatters
