@@ -1,6 +1,6 @@
 """One experiment, task by task: read the inputs, call the function, check and store the result."""
 
-import pkgutil
+import importlib
 import platform
 import time
 import traceback
@@ -207,7 +207,7 @@ class _Run:
         """Call the function, and refuse its result where a file has changed before it returned or failed."""
         import xarray as xr
 
-        function = pkgutil.resolve_name(task.stage.function)
+        function = _import(task)
         arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
         settings = self.job.session.experiments[task.id.experiment].settings
         is_narrow = EXCLUDE in task.stage.parameters
@@ -272,3 +272,14 @@ class _Run:
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(Kept(*of[n], code_changed(keys[n].kept)) for n in behind if keys[n].kept),
         )
+
+
+def _import(task: Task) -> Callable[..., Any]:
+    """Return the function of a task."""
+    module, _, name = task.stage.function.partition(":")
+    try:
+        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, SyntaxError) as error:
+        text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
+        raise StageError(text) from error
+    return function

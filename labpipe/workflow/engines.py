@@ -9,7 +9,6 @@ import contextlib
 import importlib
 import multiprocessing
 import os
-import pkgutil
 import signal
 import sys
 import threading
@@ -55,7 +54,8 @@ class Call:
 
     def run(self) -> Any:
         """Call the function here."""
-        return pkgutil.resolve_name(self.function)(*self.arguments)
+        module, _, name = self.function.partition(":")
+        return getattr(importlib.import_module(module), name)(*self.arguments)
 
 
 @dataclass(slots=True)
