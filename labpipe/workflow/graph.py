@@ -205,7 +205,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
         if experiment.kind not in plans:
             plans[experiment.kind] = ordered(stages[experiment.kind], type(experiment.settings))
     tasks: dict[str, list[Task]] = {name: [] for name in session.experiments}
-    needs: dict[str, set[str]] = {}
+    needs: dict[str, list[str]] = {}
     for name, experiment in session.experiments.items():
         for stage in plans[experiment.kind]:
             for recording in recordings(experiment, stage):
@@ -213,7 +213,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
                 tasks[name].append(Task(TaskId(name, stage.name, recording), stage, inputs))
         # a variant follows its base, which computes what both share
         others = {other.experiment for task in tasks[name] for other in task.before} | {experiment.base}
-        needs[name] = others - {name, ""}
+        needs[name] = [other for other in session.experiments if other in others - {name}]  # the same in every run
     try:
         names = list(graphlib.TopologicalSorter(needs).static_order())
     except graphlib.CycleError as error:

@@ -1,8 +1,7 @@
 """Stated uncertainties against the truth of the virtual rig, for every kind of experiment.
 
-``python -m tests.pipelines.coverage [KIND ...] [--seeds N]`` prints the table of
-``labpipe/documentation/evidence.md``. Everything that session.toml and the records state with an
-uncertainty is wrong by as much, drawn anew with every seed; readings carry their noise.
+``python -m tests.pipelines.coverage [KIND ...] [--seeds N]`` prints the table of ``labpipe/documentation/evidence.md``.
+All that is stated with ± is wrong by as much, drawn anew with every seed; readings carry their noise.
 
 A kind is a function that makes one experiment from a seed, measures it, and notes the errors in
 units of their stated standard uncertainties.

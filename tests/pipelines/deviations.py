@@ -1,12 +1,7 @@
 """Deviations of measurement and model by the thesis's own chain, over many specimens.
 
-``python -m tests.pipelines.deviations --seeds 30`` records one session for every seed: the
-rheometer's sweeps of a polymer, of rubber and of PTFE, drops of the polymer on a plate that rings
-or on a table, the plate under two polymers, loads on PTFE, a punch in rubber, and a film of the
-polymer's contact. Everything that
-session.toml or a calibration record states with an uncertainty has a random error of that size.
-Every prediction stands on the sweeps; a deviation is measured minus model, over its standard
-uncertainty.
+``python -m tests.pipelines.deviations --seeds 30`` records one session of every kind for every seed. All that is stated
+with ± has a random error of that size. A deviation is measured minus model, over its standard uncertainty.
 """
 
 import argparse

@@ -1,9 +1,8 @@
 """Numbers of processed sessions that may not change without a reason.
 
-``python -m tests.pipelines.golden SESSION REASON`` processes one of the sessions again, records its
-numbers and appends the reason with the date to the history; nothing is recorded without one.
-A number may differ by a fiftieth of its standard uncertainty, and where it has none by a part in
-ten thousand: releases of numpy and scipy stay far below both, and nothing that matters does.
+``python -m tests.pipelines.golden SESSION REASON`` processes one of the sessions again, records its numbers and appends
+the reason with the date to the history. A number may differ by a fiftieth of its standard uncertainty, and where it has
+none by a part in ten thousand: releases of numpy and scipy stay far below both.
 """
 
 import datetime

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 import re
 import subprocess
 import sys
@@ -23,9 +24,16 @@ ONLY_TYPED = {"acquire", "bench", "completion", "simulate"}
 OBJECTS = {"MasterCurve", "Prony"}
 
 
-def asked(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+def asked(code: str, **environment: str) -> str:
+    given = os.environ | environment
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=given)
     return done.stdout.strip()
+
+
+def test_a_plan_has_the_same_order_in_every_run() -> None:
+    session = Path(__file__).parents[2] / "sample_data/thesis-small"
+    code = f"from pipelines.session import plan; print([str(row.task) for row in plan({str(session)!r}).rows])"
+    assert len({asked(code, PYTHONHASHSEED=seed) for seed in ("1", "2", "3")}) == 1
 
 
 def test_every_command_has_a_verb_of_its_name() -> None:
