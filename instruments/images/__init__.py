@@ -18,12 +18,12 @@ SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 #: Images that have lost detail: a film where there are no others and somebody says so, by its frame rate.
 LOSSY = (".jpg", ".jpeg")
 _JPEG = b"\xff\xd8\xff"
-_OF_JPEG = "It holds JPEG images, whose compression smooths away the detail that is measured, by an unknown amount: "
-_OF_JPEG += (
-    "have the camera's program export the film as PNG or TIFF, or give the camera's own file. Numbered and with "
+_OF_JPEG = (
+    "It holds JPEG images, whose compression smooths away the detail that is measured, by an unknown amount: have the "
+    "camera's program export the film as PNG or TIFF, or give the camera's own file. Numbered and with a frame rate "
+    "(fps=10000, in session.toml: frame_rate) they are read all the same, those in colour with "
+    'channel="green" (or "red", "blue").'
 )
-_OF_JPEG += "a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same, those in colour "
-_OF_JPEG += 'with channel="green" (or "red", "blue").'
 
 
 class Options(TypedDict, total=False):

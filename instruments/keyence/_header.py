@@ -1,7 +1,7 @@
 """The header of a Keyence storage file: its settings, the columns below it, and the first row of readings.
 
 No storage file of LK-Navigator is public, so the layout is assumed. Settings that the header does not hold (sampling
-cycle, units) are asked for, never guessed. Columns of judgements and empty ones are left out.
+cycle, units) are asked for, never guessed. Columns of judgements, notes and the like are left out.
 """
 
 import re

@@ -212,8 +212,8 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
                 inputs = arguments(session, plans, experiment, stage.inputs, stage.over, recording)
                 tasks[name].append(Task(TaskId(name, stage.name, recording), stage, inputs))
         # a variant follows its base, which computes what both share
-        others = {other.experiment for task in tasks[name] for other in task.before} | {experiment.base}
-        needs[name] = [other for other in session.experiments if other in others - {name}]  # the same in every run
+        others = ({other.experiment for task in tasks[name] for other in task.before} | {experiment.base}) - {name}
+        needs[name] = [other for other in session.experiments if other in others]  # in one order in every run
     try:
         names = list(graphlib.TopologicalSorter(needs).static_order())
     except graphlib.CycleError as error:

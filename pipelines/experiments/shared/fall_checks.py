@@ -145,10 +145,10 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
             found.append(not_made(name, "two repeats"))
             continue
         values, u = np.array([fall.value(variable) for fall in falls]).T
-        least = float(np.abs(values).min())
-        centre, u_centre, allowance = float(np.median(values)), 0.0, of_several * abs(float(np.median(values)))
+        least, centre, u_centre = float(np.abs(values).min()), float(np.median(values)), 0.0
+        ordinary, size = (of_two, least) if len(falls) == 2 else (of_several, abs(centre))
         if len(falls) == 2:
-            worst, centre, u_centre, scale, allowance = 1, float(values[0]), float(u[0]), u, of_two * least
+            worst, centre, u_centre, scale = 1, float(values[0]), float(u[0]), u
         else:
             # robust: one repeat that is another drop must not hide itself in the scatter
             few = float(special.stdtrit(len(values) - 1, 0.975) / special.ndtri(0.975))
@@ -156,9 +156,8 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
             worst = int(np.argmax(np.abs(values - centre) / scale))
         seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
         others = shown(float(np.median(np.delete(values, worst))), own, unit)
-        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}"
-        text += f"; repeats may differ by {100 * allowance / least:.2g} %" if allowance else ""
-        place: dict[str, Any] = {"allowance": allowance, "factor": False, "file": file, "cause": cause}
+        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}; they may differ by {100 * ordinary:g} %"
+        place: dict[str, Any] = {"allowance": ordinary * size, "factor": False, "file": file, "cause": cause}
         check = compared(name, text, seen, float(scale[worst]), centre, u_centre, **place)
         if len(falls) == 2 and check.level:  # which of them is right nobody knows, nor how much a body scatters
             level = "doubtful" if abs(seen - centre) < _BY_HAND * least else check.level
