@@ -141,8 +141,8 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
                 if not (is_grey or is_colour) or packing not in _COMPRESSIONS:
                     text = (
                         f"a page has {samples} samples per pixel of interpretation {meaning}, compression {packing}; "
+                        "expected grey or RGB"
                     )
-                    text += "expected grey or RGB"
                 elif (note is not None and note.value != 1) or (count > 1 and is_colour and bits != 8):
                     text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
                 if text:

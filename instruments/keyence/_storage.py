@@ -281,8 +281,8 @@ def _numbers(header: Header, values: Floats, allow_incomplete: bool) -> NDArray[
         if not allow_incomplete:
             hint = (
                 "The recording or the copy stopped early, or rows were added; export it again, or read the rows that "
+                "are there with allow_incomplete=True."
             )
-            hint += "are there with allow_incomplete=True."
             raise SourceError(path, message, line=first_line + found - 1, column=1, hint=hint)
         warn_of(path, message)
     counter = values[:, 0].astype(np.int64) if header.has_counter else np.arange(found)

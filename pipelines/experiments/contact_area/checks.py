@@ -136,8 +136,9 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
     u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
     message = (
         f"{settings.film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the "
+        f"fringes, or else a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % "
+        f"{'longer' if ratio > 1 else 'shorter'} than stated"
     )
-    message += f"fringes, or else a pixel is {100 * (sqrt(ratio) - 1):+.2g} % longer than stated"
     u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
     return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)
 

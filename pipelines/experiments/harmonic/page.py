@@ -69,8 +69,8 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
             how = f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
         text = (
             f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:.3g} Hz) delays the force by "
+            f"{lag.min():.1f} to {lag.max():.1f}°. This was removed, {how}."
         )
-        text += f"{lag.min():.1f} to {lag.max():.1f}°. This was removed, {how}."
         notes.append(Notice("info", text))
     waves = [
         pages.column(oscillations, f"{of}harmonic_{n}", f"{name} harmonic of the {signal} / %", 100)

@@ -205,8 +205,8 @@ def exposure_stated(found: xr.Dataset, film: str, exposure: Quantity | None) -> 
     is_longer = exposure.value - limit > _ROUNDED * exposure.value + 4.0 * exposure.u
     text = (
         f"{film}: {what} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, which "
+        "is used"
     )
-    text += "is used"
     cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
     level: Level | None = None if not is_longer else "doubtful" if own else "impossible"
     return stated(name, text, level, cause=cause, setting="exposure")

@@ -230,8 +230,8 @@ def _jumps(trace: Trace) -> Check:
     numbers = ", ".join(f"{a + 1}" if a == b else f"{a + 1}-{b + 1}" for a, b, _ in trace.outliers[:5])
     text = (
         f"{len(trace.outliers)} spikes left out (readings {numbers}{', …' * (len(trace.outliers) > 5)}), the largest "
+        f"of {quantity(size, 'm')} at {trace.at(first)}"
     )
-    text += f"of {quantity(size, 'm')} at {trace.at(first)}"
     count = sum(end - begin + 1 for begin, end, _ in trace.outliers)
     level: Level = "doubtful" if count > 0.01 * trace.reading.size else "note"
     return trace.seen(name, text, level, "a disturbance of the sensor, such as a flash of light or a speck of dust")
