@@ -155,9 +155,9 @@ def _compared(row: Row, among: Sequence[Row]) -> str:
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
-    """Return the opening of a page: the sentence, the checks, and the errors that they could have shown."""
+    """Return the opening of a page: the sentence; then the checks, and the errors that they could have shown."""
     if result is None:
-        return ()
+        return (Notice("warning", "There is no verdict: the checks gave no result.", VERDICT),)
     judged = believed(result)
     level, text = sentence(result, rows)
     blocks: list[Block] = [Notice(level, with_minus(text), VERDICT)]  # type: ignore[arg-type]
