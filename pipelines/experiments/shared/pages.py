@@ -1,7 +1,8 @@
-"""Parts of pages that several kinds share: columns of tables, texts of values, recordings and calibration."""
+"""The page of an experiment, and parts of pages that several kinds share: columns, recordings, calibration."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from labpipe.report import (
     Band,
     Block,
+    Column,
     Details,
     Document,
     KeyValues,
@@ -20,14 +22,16 @@ from labpipe.report import (
     Listed,
     Notice,
     Paragraph,
+    ScatterChart,
     Section,
     Series,
+    Table,
     budget_table,
     quantity,
     value_with_uncertainty,
 )
 from labpipe.units import Quantity
-from labpipe.workflow.context import Context
+from labpipe.workflow.context import Context, Warned, settings_in_words
 from labpipe.workflow.exclusions import exclusions
 from labpipe.workflow.session import Session
 
@@ -101,6 +105,85 @@ def spanned(values: ArrayLike, form: str) -> str:
 def remarks(context: Context) -> list[tuple[str, str, str]]:
     """Return operator and notes of an experiment; empty where there are none."""
     return [("operator", context.operator, ""), ("notes", context.notes, "")]
+
+
+def document(
+    context: Context,
+    subtitle: str,
+    sections: Sequence[Section],
+    answer: Sequence[Block] = (),
+    basis: Sequence[Block] = (),
+) -> Document:
+    """Assemble a page that answers first; sections without content are left out.
+
+    The answer comes before all else, then the one chart that shows it, the first of the kind's sections; the basis of
+    the answer follows the key numbers, and the sections of every page follow those of the kind.
+    """
+    chart = next((b for one in sections for b in one.blocks if isinstance(b, LineChart | ScatterChart)), None)
+    own = [replace(one, blocks=[b for b in one.blocks if b is not chart]) for one in sections]
+    opening = [*answer, *_notices(context), *([] if chart is None else [chart])]
+    parts = [Section("Verdict", opening), *own[:1], Section("What the verdict rests on", basis), *own[1:]]
+    parts += [_problems(context), _ledger(context), _provenance(context)]
+    return Document(
+        title=context.experiment,
+        subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
+        badge=SYNTHETIC if context.synthetic else "",
+        home=f"../{SESSION_PAGE}",
+        sections=tuple(part for part in parts if part.blocks),
+    )
+
+
+def _notices(context: Context) -> Iterator[Block]:
+    """Say in which settings a variant differs from its base, and an experiment from the laboratory's file.
+
+    Say also that nothing was measured, and which results were made by earlier code, where that is so.
+    """
+    of_base, of_laboratory = map(settings_in_words, (context.changed, context.overrides))
+    if context.base:
+        same = f"Variant of {context.base}, with the same recordings and other settings"
+        yield Notice("info", f"{same}: {of_base}.")
+    if of_laboratory:
+        yield Notice("info", f"Other values than in the laboratory's file: {of_laboratory}.")
+    yield from synthetic_notice(context)
+    if context.kept:
+        text = "Results of earlier code were kept as they are; what follows from them may differ from what this "
+        yield Notice("warning", f"{text}version of labpipe gives. `labpipe process` makes them again.")
+        alike = dict.fromkeys(f"{kept.stage}: {kept.reason}" for kept in context.kept)
+        yield Details("Results of earlier code", text="\n".join(alike))
+
+
+def _problems(context: Context) -> Section:
+    """Name every error and warning of the steps, so that a missing section is explained; also that there are none."""
+    own = [f for f in context.failures if not f.is_consequence]
+    blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
+    if missing := ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence)):
+        blocks.append(Notice("info" if own else "error", f"Not made without what failed before: {missing}."))
+    alike: dict[tuple[str, str], list[Warned]] = {}
+    for warned in context.warnings:
+        alike.setdefault((warned.stage, warned.text), []).append(warned)
+    for (stage, text), group in alike.items():
+        names, total = ", ".join(w.recording for w in group if w.recording), sum(w.count for w in group)
+        times = f" ({total} times)" if total > len(group) else ""
+        blocks.append(Notice("warning", f"{stage}{f' [{names}]' if names else ''}: {text}{times}"))
+    return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
+
+
+def _ledger(context: Context) -> Section:
+    """Show the work done and skipped for this page, and for other experiments behind it."""
+    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
+    rows = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
+    table = Table(columns, rows, caption="Counts of work; the same for the same inputs on every machine.")
+    return folded("Processing steps", counted(len(rows), "count"), (table,))
+
+
+def _provenance(context: Context) -> Section:
+    """Show inputs with their digests, versions, and the settings."""
+    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
+    found = dict(context.provenance)
+    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
+    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
+    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
+    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
