@@ -16,6 +16,7 @@ from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS
 from pipelines.experiments.shared.judgements._scene import Basis, Scene, Titles, entitled, laws
 from pipelines.experiments.shared.judgements._suspects import Compared, explanations, undecided_by
+from pipelines.experiments.shared.judgements._usual import uncertainties_stated
 
 
 def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset:
@@ -104,7 +105,8 @@ def judging(
             known = dict(zip((*names, *rests_on), results, strict=False))
             basis = Basis.of([known.pop(field, None) for field in rests_on])
             known |= {} if basis.is_sound else dict.fromkeys(expected)
-            made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(scene), titles)
+            found: Scene = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
+            made = judgement(found._replace(checks=[*found.checks, *uncertainties_stated(settings)]), titles)
             return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
 
         vars(judged)["inputs"] = (*names, *rests_on)
