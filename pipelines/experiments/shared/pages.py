@@ -244,9 +244,7 @@ def raw_headers(datasets: Iterable[xr.Dataset]) -> tuple[Details, ...]:
     """Show the instruments' own headers of files, each folded away, and several folded into one."""
     texts = ((one.attrs.get("source", "the file"), str(one.attrs.get("header", "")).strip()) for one in datasets)
     headers = tuple(Details(f"Raw header of {source}", text=text) for source, text in texts if text)
-    if len(headers) < 2:
-        return headers
-    return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
+    return headers if len(headers) < 2 else (Details(f"Raw headers of {len(headers)} files", headers),)
 
 
 def recordings(settings: Any, context: Context, readings: Any = None, displacement: Any = None) -> Section:
