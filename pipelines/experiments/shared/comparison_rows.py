@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.signals import nrmse
 from labpipe.variables import variable
 
@@ -76,6 +77,15 @@ class Row:
         if self.is_curve:
             return self.p_of_curve
         return None if self.deviation is None else erfc(abs(self.deviation) / sqrt(2))
+
+    @property
+    def texts(self) -> tuple[str | None, ...]:
+        """Measured and expected value and their difference, in words; None where there is none."""
+        pairs = ((self.measured, self.u_measured), (self.model, self.u_model), (self.difference, self.u_difference))
+        return tuple(
+            None if v is None else value_with_uncertainty(v, u, self.unit) if u else quantity(v, self.unit)
+            for v, u in pairs
+        )
 
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""

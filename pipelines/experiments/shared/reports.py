@@ -6,9 +6,8 @@ from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Block, Column, Details, KeyValues, Notice, Section, Table, quantity, value_with_uncertainty
+from labpipe.report import Block, Column, Details, KeyValues, Notice, Section, Table
 from labpipe.workflow.context import Context
-from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
 from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
@@ -33,11 +32,6 @@ class Report:
     sections: Sequence[Callable[..., Section | Iterable[Section] | None]]
     rows: Callable[..., Iterable[Row]] | None = None
     counts: Mapping[str, Callable[[Any], bool]] = field(default_factory=dict)
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of the stage, in its order."""
-        return (JUDGEMENT, *self.shown)
 
     def __call__(self, judgement: xr.Dataset | None, *results: Any, settings: Any, context: Context) -> str:
         """Write the page."""
@@ -71,17 +65,10 @@ def summary(
 
 
 def _compared(rows: Sequence[Row]) -> Table:
-    def shown(value: float | None, u: float | None, unit: str) -> str | None:
-        if value is None:
-            return None
-        return value_with_uncertainty(value, u, unit) if u else quantity(value, unit)
-
     cells = [
         (
             ", ".join(filter(None, (row.quantity, row.material, row.condition))),
-            shown(row.measured, row.u_measured, row.unit),
-            shown(row.model, row.u_model, row.unit),
-            shown(row.difference, row.u_difference, row.unit),
+            *row.texts,
             row.deviation,
             None if row.nrmse is None else 100 * row.nrmse,
             row.p,

@@ -43,10 +43,8 @@ _OF_RUN = (
 )
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
-ANOTHER_VIEW = 3.0
+_ANOTHER_VIEW = 3.0
 """Factor in scale beyond which the record is of another view of the camera."""
-_TILTED = 0.94
-"""Factor by which a camera that is tilted by 20 degrees shortens lengths."""
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
@@ -147,8 +145,7 @@ def wrong_scale(effects: Mapping[str, float], record: str, u: float = inf) -> Ca
     """Return the mistake that the scale of a camera's calibration record is wrong."""
 
     def say(factor: float) -> str:
-        why = ", of another view" if abs(log(factor)) > log(ANOTHER_VIEW) else ""
-        why = ", or the camera is tilted" if _TILTED < factor < 1.0 else why
+        why = ", of another view" if abs(log(factor)) > log(_ANOTHER_VIEW) else ""
         return wrong_lengths(f"the scale in {record} is wrong{why}")(factor)
 
     usual = SLIPS["length"] + SLIPS["gain"] + SLIPS["view"]
