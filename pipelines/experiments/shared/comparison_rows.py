@@ -107,7 +107,8 @@ def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
     words = {name: values.pop(name) for name in _WORDS if name in values}
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    numbers = {name: float(value) for name, value in values.items() if value is not None and np.isfinite(value)}
+    known = ((name, value) for name, value in values.items() if value is not None and np.isfinite(value))
+    numbers: dict[str, Any] = {name: float(value) for name, value in known}
     if "degrees_of_freedom" in numbers:
         numbers["degrees_of_freedom"] = told_freedom(numbers["degrees_of_freedom"])
     return Row(quantity=quantity, unit=unit, n=n, **words, **numbers)
