@@ -1,7 +1,7 @@
 """Uncertainty budgets as blocks of a page: on reports and on the sensitivity page."""
 
 from collections.abc import Callable, Iterable, Sequence
-from math import isfinite, isinf
+from math import isfinite
 
 from labpipe.report import (
     Column,
@@ -21,9 +21,6 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.experiments.shared.given import Given
 
-_MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
-_DRAWS = 2000  # on the page of an experiment: the ends of an interval to 5 % of u
-
 Propagated = tuple[Quantity, Budget, MonteCarlo]
 
 
@@ -36,7 +33,8 @@ def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Sect
     def section(given: Given, context: Context) -> Section:
         linear = ((each, linear_budget(each.model, each.inputs)) for each in given.ask(quantities) or ())
         known = [(each, budget) for each, budget in linear if isfinite(budget.value) and isfinite(budget.u)]
-        found = [(each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)) for each, budget in known]
+        # so many draws give the ends of an interval to 5 % of u
+        found = [(each, budget, monte_carlo(each.model, each.inputs, draws=2000)) for each, budget in known]
         shares = [f"{shown_source(b.rows[0]['source'])}, {100.0 * b.rows[0]['share']:.0f} %" for _, b in known]
         caption = "After the GUM; repeats are type A with Student's quantile. To see which input to measure better: "
         lines = overview(found, "largest source", shares, f"{caption}labpipe sensitivity SESSION {context.experiment}.")
@@ -55,7 +53,7 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
             value_with_uncertainty(budget.value, budget.u, each.unit),
             half_width(budget, each.unit),
             coverage_factor(budget),
-            _number(budget.degrees_of_freedom),
+            number(budget.degrees_of_freedom, 3),
             _checked(budget, drawn, difference_unit(each.unit)),
             text,
         )
@@ -89,9 +87,3 @@ def _checked(budget: Budget, drawn: MonteCarlo, unit: str) -> str:
     why = "few repeats" if isfinite(budget.degrees_of_freedom) else "not linear"
     low, high = (quantity(end - budget.value, unit, 2) for end in (drawn.low, drawn.high))
     return f"differ ({why}): {low} to {high} about the value by Monte Carlo"
-
-
-def _number(freedom: float) -> str:
-    if freedom >= _MANY:
-        return "∞" if isinf(freedom) else f"> {_MANY:.0f}"
-    return f"{freedom:.3g}"

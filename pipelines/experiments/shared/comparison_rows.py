@@ -158,22 +158,20 @@ def apart(measured: xr.DataArray, model: Floats) -> xr.Dataset:
     )
 
 
-_STRETCHES = 3  # of a fall or flight
-_FEWEST = 10  # samples of each
-_BESIDE = 0.1  # of a flight, from its contacts, where a small shift in time is a large one in height
+def flights(
+    time: Floats, touches: Floats, leaves: Floats, release: float, *, count: int = 3, fewest: int = 10
+) -> list[Integers]:
+    """Return the samples of ``count`` stretches, of at least ``fewest``, in the fall and each flight that is whole.
 
-
-def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> list[Integers]:
-    """Return the samples of three stretches within the fall and each flight that a record holds whole.
-
-    The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s].
+    The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s]. A tenth of
+    a flight is left out at either end, where a small shift in time is a large one in height.
     """
     places: list[Integers] = []
     for begin, end in zip((max(release, float(time[0])), *leaves), touches, strict=False):
-        margin = _BESIDE * (end - begin)
+        margin = 0.1 * (end - begin)
         inside = np.flatnonzero((time >= begin + margin) & (time <= end - margin))
-        if inside.size >= _STRETCHES * _FEWEST and end <= time[-1]:
-            places += np.array_split(inside, _STRETCHES)
+        if inside.size >= count * fewest and end <= time[-1]:
+            places += np.array_split(inside, count)
     return places
 
 

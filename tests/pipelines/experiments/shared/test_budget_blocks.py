@@ -16,4 +16,4 @@ def test_repeats_show_with_students_factor_and_both_ways_of_propagation() -> Non
     (row,) = made.blocks[0].rows
     assert row[0] == "height"
     assert abs(row[3] - 2.776) < 0.001  # Student's quantile of four degrees of freedom
-    assert row[4:7] == ("4", "agree", "repeats, 100 %")
+    assert row[4:7] == ("4.00", "agree", "repeats, 100 %")
