@@ -20,7 +20,6 @@ from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, option
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import counted_from_one
 
-_LARGE = 1 / 3  # of a stated value, beyond which its uncertainty is doubtful
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
     errors.NO_MATERIAL: "the name of the material is misspelt",
@@ -48,12 +47,13 @@ _ANOTHER_VIEW = 3.0
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
-    """Compare the stated uncertainties of positive quantities with their values."""
+    """Compare the stated uncertainties of positive quantities with their values; lengths are known better than others."""
     for setting, value, kind in every_setting(settings):
         is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
-            text = f"{counted_from_one(setting)} is stated as {value_with_uncertainty(*value)}"
-            level: Level | None = "doubtful" if value.u > _LARGE * value.value else None
+            text = f"{counted_from_one(setting)} is {value_with_uncertainty(*value)}"
+            share = 1 / 3 if value.si == "m" else 1 / 2
+            level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
             yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
 
