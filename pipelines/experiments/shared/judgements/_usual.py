@@ -47,7 +47,7 @@ _ANOTHER_VIEW = 3.0
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
-    """Compare the stated uncertainties of positive quantities with their values; lengths are known better than others."""
+    """Compare the stated uncertainties of positive quantities with their values, lengths more strictly."""
     for setting, value, kind in every_setting(settings):
         is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
