@@ -18,11 +18,11 @@ IMPACTS = 3
 """Impacts that are compared one by one; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
-_WORDS = ("material", "condition", "against", "slopes", "simulated")
+_WORDS = ("against", "slopes", "simulated")
 """Arguments of a row that are no numbers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Row:
     """One comparison.
 
@@ -37,10 +37,10 @@ class Row:
     ``kept`` are results behind it that earlier code made and that were taken as they are.
     """
 
-    experiment: str = ""
-    kind: str = ""
-    material: str = ""
-    condition: str = ""
+    experiment: str
+    kind: str
+    material: str
+    condition: str
     quantity: str
     unit: str
     n: int
@@ -104,6 +104,7 @@ def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
     >>> made.measured, made.u_measured, made.u_model
     (0.8, 0.1, None)
     """
+    where = ("", "", values.pop("material", ""), values.pop("condition", ""))
     words = {name: values.pop(name) for name in _WORDS if name in values}
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
@@ -111,7 +112,7 @@ def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
     numbers: dict[str, Any] = {name: float(value) for name, value in known}
     if "degrees_of_freedom" in numbers:
         numbers["degrees_of_freedom"] = told_freedom(numbers["degrees_of_freedom"])
-    return Row(quantity=quantity, unit=unit, n=n, **words, **numbers)
+    return Row(*where, quantity, unit, n, **words, **numbers)
 
 
 def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
