@@ -93,7 +93,7 @@ class Row:
         return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve", "simulated")}
 
 
-def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
+def row(quantity: str, unit: str, n: int, *, material: str = "", condition: str = "", **values: Any) -> Row:
     """Return a row without its experiment; numbers that are not finite become None.
 
     A value with its standard uncertainty is given as a pair.
@@ -104,15 +104,13 @@ def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
     >>> made.measured, made.u_measured, made.u_model
     (0.8, 0.1, None)
     """
-    where = ("", "", values.pop("material", ""), values.pop("condition", ""))
-    words = {name: values.pop(name) for name in _WORDS if name in values}
+    made: dict[str, Any] = {name: values.pop(name) for name in _WORDS if name in values}
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    known = ((name, value) for name, value in values.items() if value is not None and np.isfinite(value))
-    numbers: dict[str, Any] = {name: float(value) for name, value in known}
-    if "degrees_of_freedom" in numbers:
-        numbers["degrees_of_freedom"] = told_freedom(numbers["degrees_of_freedom"])
-    return Row(*where, quantity, unit, n, **words, **numbers)
+    made |= {name: float(value) for name, value in values.items() if value is not None and np.isfinite(value)}
+    if "degrees_of_freedom" in made:
+        made["degrees_of_freedom"] = told_freedom(made["degrees_of_freedom"])
+    return Row("", "", material, condition, quantity, unit, n, **made)
 
 
 def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
