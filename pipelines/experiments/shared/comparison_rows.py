@@ -15,7 +15,7 @@ from labpipe.signals import nrmse
 from labpipe.variables import variable
 
 IMPACTS = 3
-"""Impacts that are compared one by one; the thesis compares the first three."""
+"""Impacts that are compared one by one, and have a budget; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
 _WORDS = ("against", "slopes", "simulated")
