@@ -17,7 +17,7 @@ from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
 from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
-from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.session._gaps import library_names
@@ -35,6 +35,8 @@ _APART, _SAME = 4.0, 2.0
 _EXACT = 1e-4  # relative uncertainty of a value that is stated without one
 _SLIP = 0.01  # tolerance of the logarithm of a ratio that is a typing error's factor
 _UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
+_CONDITIONS, _DECIMAL = ("height", "temperature", "T_ref"), 10.0
+"""Endings of quantities that are chosen for each experiment, and the factor of a misplaced decimal point."""
 _KELVIN = 273.15
 _MOST_NAMES = 3  # in a sentence; more of them are counted
 _OF_RECORD = {
@@ -215,6 +217,29 @@ def _bodies(session: Session) -> _Owned:
                 why = "its diameter was typed" if is_diameter else "its unit or decimal point is wrong"
                 cause = f"the {name} is probably {_written(usual[1])}, a factor {factor:g}: {why}"
             yield e.name, _finding(TWO_VALUES, text, cause, setting=f"{place}.{name}")
+
+
+def unusual_values(session: Session, name: str) -> list[str]:
+    """Say which quantities of an experiment most others state otherwise, with the line.
+
+    Heights and temperatures differ on purpose, unless by a misplaced decimal point.
+    """
+    stated = {
+        e.name: {setting: value for setting, value, _ in every_setting(e.settings) if isinstance(value, Quantity)}
+        for e in session.without_variants().experiments.values()
+    }
+    found = []
+    for setting, own in stated.pop(name, {}).items():
+        place = ".".join(_field(setting).split(".")[-2:])
+        others = [(e, v) for e, values in stated.items() for s, v in values.items() if _field(s).endswith(place)]
+        if (usual := _usual(own, others)) is None:
+            continue
+        if place.endswith(_CONDITIONS) and _slip(own, usual[1]) < _DECIMAL:
+            continue
+        n, line = len({e for e, v in others if _distance(usual[1], v) <= _SAME}), session.experiments[name].lines
+        here = f"{setting} is {_written(own)} here (line {line[setting]} of {FILE_NAME})"
+        found.append(f"{here} and {_written(usual[1])} in {usual[0] if n == 1 else f'{n} other experiments'}")
+    return found
 
 
 def _sources(settings: Any) -> Iterator[str]:
