@@ -82,7 +82,7 @@ CHANGES = (
         "all files exchanged",
         "nylon_1p5mm",
         _exchanged(("nylon_1p5mm_1", "ptfe_1p5mm_1"), ("nylon_1p5mm_2", "ptfe_1p5mm_2")),
-        ("of PTFE", "another material"),
+        ("of ptfe_dma",),
     ),
     Change("mass", "ptfe_1p5mm", _stated("ptfe_1p5mm", "mass", "455.0 ± 0.5 g"), ("mass",)),
     Change("digit", "nylon_1p5mm", _stated("nylon_1p5mm", "mass", "305.0 ± 0.5 g"), ("mass is 305.0 g here (line",)),
