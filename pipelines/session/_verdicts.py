@@ -283,12 +283,12 @@ def _of_result(session: Session, experiment: Experiment, state: str, result: Any
     from pipelines.experiments.shared.judgements import suspected
 
     judged: Judgement = from_json(result.attrs["judgement"])
-    findings = tuple(_placed(session, experiment, f) for f in judged.findings)
+    findings = tuple(placed(session, experiment, f) for f in judged.findings)
     head = (experiment.name, experiment.kind, state, judged.believable, str(result.attrs["model"]))
     return Verdict(*head, findings, judged.n_made, judged.causes, tuple(suspected(result)))
 
 
-def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
+def placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
     """Find the line of a setting as the files are now, and its text; of a recording, where session.toml names it."""
     finding = of_record(session, finding)
     line = finding.line
@@ -315,7 +315,7 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
     found = session_findings(session) if made else {}
     for i, one in enumerate(made):
         experiment = session.experiments[one.experiment]
-        more = [_placed(session, experiment, f) for f in found.get(one.experiment, ())]
+        more = [placed(session, experiment, f) for f in found.get(one.experiment, ())]
         known = {(f.file, f.line, f.level) for f in one.findings if f.line is not None}
         # another experiment's value says by how much the one of this line is wrong, which no record says so well
         extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
