@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -53,6 +53,7 @@ VERDICTS = "verdicts.json"
 """Among the results: verdicts by experiment, each with the digest of all that it comes from."""
 _CURVE = "master_curve"
 """Stage whose result is a material that the session has measured."""
+_SEVERAL = 3  # experiments whose models differ for one reason
 _DOCUMENTED = ("check", "level", "message", "cause", "file", "line", "value")
 _LONGEST_LINE = 100  # characters of a line that is shown
 
@@ -83,6 +84,8 @@ class Verdict:
     def cause(self) -> str:
         """The most likely mistake in the record; empty where it is believable, or nothing is known."""
         grave = [finding for finding in self.findings if finding.level == self.believable]
+        # another experiment's value says what is wrong, which no failed step says so well
+        grave = [f for f in self.findings if f.check == TWO_VALUES and f.level != "note"] + grave
         return grave[0].cause or next(iter(self.causes), "") if grave else ""
 
     def document(self) -> dict[str, Any]:
@@ -214,8 +217,8 @@ def _marks(results: Results) -> dict[str, str]:
         for n in named_files(session)
     ]
     code = behind(f"{__name__}:{stored_verdicts.__name__}", "pipelines.experiments")
-    curves = [plan.keys[row.task].value for row in plan.rows if row.stage == _CURVE and row.state in READY]
-    common = key_of({"verdicts": [code, files.digest(session.root / FILE_NAME), library_names(), named, curves]})
+    others = [plan.keys[r.task].value for r in plan.rows if r.stage in (_CURVE, JUDGEMENT) and r.state in READY]
+    common = key_of({"verdicts": [code, files.digest(session.root / FILE_NAME), library_names(), named, others]})
     keys: dict[str, list[Any]] = {}
     for row in plan.rows:
         key, is_judged = plan.keys[row.task], row.stage == JUDGEMENT and row.state in READY
@@ -317,7 +320,6 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
         experiment = session.experiments[one.experiment]
         more = [placed(session, experiment, f) for f in found.get(one.experiment, ())]
         known = {(f.file, f.line, f.level) for f in one.findings if f.line is not None}
-        # another experiment's value says by how much the one of this line is wrong, which no record says so well
         extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
         is_worse = one.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
         believable = "doubtful" if is_worse else one.believable
@@ -335,7 +337,7 @@ def _suspects(results: Results, experiment: Experiment) -> tuple[str, ...]:
     from pipelines.experiments.shared.judgements import suspected
 
     stage = next(s for s in KINDS[experiment.kind].stages if s.name == JUDGEMENT)
-    own = {text.removeprefix(REFERENCE) for _, text, _ in every_setting(experiment.settings) if isinstance(text, str)}
+    own = _texts(experiment)
     rows = [row for row in results.plan.rows if row.stage == _CURVE and row.experiment not in own]
     curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row)) is not None}
     result = results.first(experiment.name, JUDGEMENT)
@@ -344,5 +346,35 @@ def _suspects(results: Results, experiment: Experiment) -> tuple[str, ...]:
     unusual = unusual_values(results.plan.session, experiment.name)
     if result is None:
         return tuple(unusual)
-    told = suspected(result)
-    return tuple([*told, *unusual] if result.attrs["is_explained"] else [*unusual, *told])
+    told = [_with_line(text, experiment) for text in suspected(result)]
+    told = [*told, *unusual] if result.attrs["is_explained"] else [*unusual, *told]
+    return (*_in_common(results, own), *told)
+
+
+def _in_common(results: Results, named: Collection[str]) -> Iterator[str]:
+    """Name an experiment or a record that several experiments name, of which all differ, and no other does."""
+    judged = {r.experiment: one for r in results.plan.rows if r.stage == JUDGEMENT and (one := results.up_to_date(r))}
+    differ = {name for name, one in judged.items() if one.attrs["model"] == "differs"}
+    users = {text: set[str]() for text in named}
+    for name in (name for name, one in judged.items() if one.attrs["model"] in ("agrees", "differs")):
+        for text in _texts(results.experiments[name]) & users.keys():
+            users[text].add(name)
+    if common := [text for text, some in users.items() if some == differ and len(some) >= _SEVERAL]:
+        names = " or ".join(sorted(common))
+        yield f"all {len(differ)} experiments that name {names} differ and no other: it is probably wrong itself"
+
+
+def _texts(experiment: Experiment) -> set[str]:
+    """Return the experiments and files that an experiment names."""
+    texts = (text for _, text, _ in every_setting(experiment.settings) if isinstance(text, str))
+    return {text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE) or "/" in text}
+
+
+def _with_line(text: str, experiment: Experiment) -> str:
+    """Add the line to a setting that a sentence names in brackets."""
+
+    def placed_(found: re.Match[str]) -> str:
+        line = experiment.lines.get(found[1])
+        return found[0] if line is None else f"({found[1]}, line {line} of {FILE_NAME})"
+
+    return re.sub(r"\(([\w.\[\]]+)\)", placed_, text)

@@ -23,7 +23,7 @@ from pipelines.experiments.shared.material_choice import fitted_at, resolve
 from pipelines.experiments.shared.proposals import POLYMERS
 from pipelines.experiments.shared.settings import Sphere
 
-_REACH, _NODES = 40.0, 9
+_REACH, _NODES = 60.0, 13
 """K by which another temperature may differ from the stated one, and temperatures that are simulated."""
 _FINE = 0.1  # K
 _FALLS = 8.0  # times the first fall, within which three impacts follow

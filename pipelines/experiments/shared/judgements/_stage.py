@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import Agreement, Judgement, agreement, detectable, judge, model_verdict, to_json
+from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
+from labpipe.workflow.fields import every_setting
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS
@@ -109,7 +111,9 @@ def judging(
             known = dict(zip((*names, *rests_on), results, strict=False)) | {"others": others}
             basis = Basis.of([known.pop(field, None) for field in rests_on])
             known |= {} if basis.is_sound else dict.fromkeys(expected)
-            made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(scene), titles)
+            found = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
+            stated = [(place, value) for place, value, _ in every_setting(settings) if isinstance(value, Quantity)]
+            made = judgement(found._replace(stated=stated), titles)
             return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
 
         vars(judged)["inputs"] = (*names, *rests_on)

@@ -92,12 +92,13 @@ class Compared(NamedTuple):
 
 
 class _Error(NamedTuple):
-    """An input, the error of it that would explain a difference, and the share of chi square that it explains."""
+    """An input, the error of it that would explain a difference, the share that it explains, and its setting."""
 
     name: str
     given: Quantity
     size: float
     share: float
+    place: str = ""
 
     @property
     def n_u(self) -> float:
@@ -126,7 +127,7 @@ class _Error(NamedTuple):
         said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
         said += f"{100 * self.share:.0f} % of it"
         far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
-        return said + far * self.is_excluded
+        return said + far * self.is_excluded + self.place
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -167,11 +168,11 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[l
     if not names or not chi2:
         return [], False
     fitted = np.array(fitted_errors(compared.differences, compared.slopes, compared.covariance)).T.tolist()
-    errors = [_Error(name, scene.inputs[name], *of) for name, of in zip(names, fitted, strict=True)]
+    errors = [_Error(name, scene.inputs[name], *of, scene.place(name)) for name, of in zip(names, fitted, strict=True)]
     best = max(errors, key=lambda error: error.share)
     close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
     refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
-    told = _alternatives(scene, compared, chi2)
+    told = _one_recording(compared) + _alternatives(scene, compared, chi2)
     told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
@@ -189,6 +190,20 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[l
         told.append(first.sentence(alike))
         near = [error for error in rest if error not in alike]
     return told[:_SUSPECTS] or [_UNEXPLAINED], is_plausible
+
+
+def _one_recording(compared: Compared) -> list[str]:
+    """Name the recording without which the model would not differ, where there are three or more."""
+    conditions = np.array([row.condition for row in compared.rows])
+    named = list(dict.fromkeys(conditions.tolist()))
+    if len(named) < 3:
+        return []
+    rest = [conditions != name for name in named]
+    found = [agreement(compared.differences[kept], compared.covariance[np.ix_(kept, kept)]) for kept in rest]
+    alone = [name for name, one in zip(named, found, strict=True) if model_verdict(one, could_notice=True) != "differs"]
+    if len(alone) != 1:
+        return []
+    return [f"only {alone[0]} differs: that recording is of another test, or its gain or zero is wrong"]
 
 
 def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
@@ -270,7 +285,7 @@ def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str
         for value in (inputs[name].value / factor, inputs[name].value)
     )
     why = ": its diameter was typed" if "radius" in name and isclose(factor, 2.0) else ""
-    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}"]
+    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}{scene.place(name)}"]
     return [*said, f"or {scene.another_material}"] if _MODULUS in names else said
 
 
@@ -286,4 +301,5 @@ def _far(scene: Scene, compared: Compared, confirmed: Set[str]) -> list[str]:
     if share < _MOST or not is_alone or name in confirmed or given.si in _NO_SLIP or abs(size) > log(_NO_GRADE):
         return []
     right = quantity(given.value / exp(size), given.si, 2)
-    return [f"{name} is probably about {right}, not {quantity(given.value, given.si)}; {_share(share)}"]
+    said = f"{name} is probably about {right}, not {quantity(given.value, given.si)}; {_share(share)}"
+    return [said + scene.place(name)]
