@@ -168,7 +168,10 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[l
     if not names or not chi2:
         return [], False
     fitted = np.array(fitted_errors(compared.differences, compared.slopes, compared.covariance)).T.tolist()
-    errors = [_Error(name, scene.inputs[name], *of, scene.place(name)) for name, of in zip(names, fitted, strict=True)]
+    errors = [
+        _Error(name, scene.inputs[name], size, share, scene.place(name))
+        for name, (size, share) in zip(names, fitted, strict=True)
+    ]
     best = max(errors, key=lambda error: error.share)
     close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
     refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
