@@ -50,7 +50,10 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
     found = imaging.track(source, points, **options)
-    return _with_bytes(found, source, coarse)
+    work = json.loads(found.attrs["work"]) | {"frames_read": found.sizes["frame"]}
+    work["coarse_frames_read"] = coarse.get("frames_read", 0)
+    kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
+    return found.assign_attrs(kept, work=json.dumps(work))
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -80,21 +83,18 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
 
 def _static_frames(source: FrameSource, centre: tuple[float, float], width: int) -> int:
     """Count the frames before the motion, by the growth of the difference from the first."""
-    half = width // 2
-    left, top = max(0, round(centre[0]) - half), max(0, round(centre[1]) - half)
+    left, top = (max(0, round(c) - width // 2) for c in centre)
     part = source.roi(slice(top, top + width), slice(left, left + width))
     sound = np.flatnonzero(source.valid)[: round(_MOST_STATIC / _MARGIN) + 1]
     if len(sound) < 3:
         return 1
-    first = part[int(sound[0])].astype(float)
-    noise = None
-    for place, index in enumerate(sound[1:], 1):
-        image = part[int(index)].astype(float)
-        # the light may drift; its mean is not motion
-        apart = float(np.std(image / max(image.mean(), 1e-9) * first.mean() - first))
-        noise = apart if noise is None else min(noise, apart)
-        if apart > _MOVING * noise + 1e-9:
-            return max(1, int(_MARGIN * place))
+    images = np.stack([part[int(i)] for i in sound]).astype(float)
+    # the light may drift; its mean is not motion
+    images *= images[0].mean() / np.maximum(images.mean(axis=(1, 2), keepdims=True), 1e-9)
+    apart = np.std(images[1:] - images[0], axis=(1, 2))
+    moving = np.flatnonzero(apart > _MOVING * np.minimum.accumulate(apart) + 1e-9)
+    if moving.size:
+        return max(1, int(_MARGIN * (moving[0] + 1)))
     return min(_MOST_STATIC, int(_MARGIN * len(sound)) or 1)
 
 
@@ -114,24 +114,6 @@ def _worth_reading(
     last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
     dense = np.arange(min(count, max(last + _AFTER_REST, static)))
     return json.loads(found.attrs["work"]), np.union1d(dense, coarse)
-
-
-def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) -> xr.Dataset:
-    """Count the coarse pass too, and bytes instead of pixels."""
-    work = json.loads(found.attrs["work"])
-    size = np.asarray(source[int(np.flatnonzero(source.valid)[0])]).dtype.itemsize
-    for name in ("subsets_solved", "iterations", "reseeds"):
-        work[name] += coarse.get(name, 0)
-    total = work.pop("pixels_total")
-    # the static frames are read twice, for the reference and as frames, but counted once
-    work["bytes_read"] = min(work.pop("pixels_read"), total) * size
-    work["bytes_total"] = total * size
-    work["frames_read"] = found.sizes["frame"]
-    work["coarse_frames_read"] = coarse.get("frames_read", 0)
-    work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
-    return found.assign_attrs(
-        work=json.dumps(work), recorded=recorded_on(source), light=light_of(source), said_by_file=said_by_file(source)
-    )
 
 
 def statuses(track: xr.Dataset) -> NDArray[np.str_]:
@@ -159,17 +141,13 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
     along = upwards * body["displacement_y"].values + across * body["displacement_x"].values
     noise = np.hypot(upwards * body["u_displacement_y"].values, across * body["u_displacement_x"].values)
-    result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})
-    for name, values, u, text in (
-        ("displacement", along, noise, "displacement of the holder along its motion, upwards"),
-        ("rotation", body["rotation"].values, body["u_rotation"].values, "rotation of the holder, clockwise"),
-    ):
-        units = "rad" if name == "rotation" else "m"
-        result = result.assign(with_u(name, "time", values, u, units, text, "(random)"))
+    text = "displacement of the holder along its motion, upwards"
+    table = with_u("displacement", "time", along, noise, "m", text, "(random)")
+    turned = (body[name].values for name in ("rotation", "u_rotation"))
+    table |= with_u("rotation", "time", *turned, "rad", "rotation of the holder, clockwise", "(random)")
     text = "direction of the motion to the image's columns, to the right of upwards"
-    result = result.assign(with_u("direction", (), direction, u_direction, "rad", text))
-    for name in ("pixel_size", "u_pixel_size"):
-        result[name] = moved[name]
+    table |= with_u("direction", (), direction, u_direction, "rad", text)
+    table |= {name: moved[name] for name in ("pixel_size", "u_pixel_size")}
     size = float(moved["pixel_size"])
     sources = [Source(*(row[key] for key in Source._fields)) for row in json.loads(moved.attrs["budget"])]
     # the camera may be turned, or the body may move at an angle: the displacement is that along the motion, or less
@@ -178,10 +156,12 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         "tilt of the camera": math.hypot(math.tan(tilt.value) * tilt.u, math.sqrt(0.75) * tilt.u**2),
     }
     sources += [Source(name, 0.0, u, "1", size, "systematic") for name, u in open_angle.items() if u > 0.0]
-    result.attrs["u_systematic_relative"] = combined_uncertainty(sources) / size
-    result.attrs["budget"] = json.dumps(budget_rows(sources))
-    result.attrs["calibration"] = moved.attrs["calibration"]
-    return result
+    attrs = {
+        "u_systematic_relative": combined_uncertainty(sources) / size,
+        "budget": json.dumps(budget_rows(sources)),
+        "calibration": moved.attrs["calibration"],
+    }
+    return xr.Dataset(table, {"time": variable("time", track["time"].values, "s", "time in the film")}, attrs)
 
 
 def _direction(body: xr.Dataset) -> tuple[float, float]:
@@ -219,12 +199,11 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
     """
     source = film_of(film, settings)
     time = track["time"].values
-    events = list(np.linspace(time[0], time[-1], _KEYS))
+    events = np.linspace(time[0], time[-1], _KEYS)
     if bounces is not None:
-        events = [float(bounces["release_time"]), float(bounces["rest_time"])]
-        for name in ("touch_time", "liftoff_time", "apex_time"):
-            events += list(bounces[name].values[:3])
-    wanted = [t for t in [time[0], *events, time[-1]] if np.isfinite(t)]
+        of_impacts = (bounces[name].values[:3] for name in ("touch_time", "liftoff_time", "apex_time"))
+        events = np.hstack([bounces["release_time"], bounces["rest_time"], *of_impacts])
+    wanted = np.hstack([time[0], events[np.isfinite(events)], time[-1]])
     near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
     near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
     near = thinned(range(near[-2] + 1) if len(near) > 1 else (), near)

@@ -72,14 +72,13 @@ class Trace:
     """The readings of one record.
 
     ``name`` is its file, for messages; ``time`` [s] and ``reading`` [m] (time,) are NaN where there is no valid
-    reading; ``header`` is the text above the readings in the file; ``outliers`` holds first and last index and the
-    largest deviation [m] of each run of readings that was left out.
+    reading; ``outliers`` holds first and last index and the largest deviation [m] of each run of readings that was left
+    out.
     """
 
     name: str
     time: Floats
     reading: Floats
-    header: str = ""
     outliers: tuple[tuple[int, int, float], ...] = ()
     is_excluded: Flags | bool = False
 
@@ -95,7 +94,7 @@ class Trace:
             x[readings[state].values != 0] = np.nan
         left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
         runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
-        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")), runs, is_excluded)
+        return cls(name, readings["time"].values, x, runs, is_excluded)
 
     @cached_property
     def travel(self) -> float:
@@ -285,19 +284,15 @@ def repeated_rows(trace: Trace) -> Check:
 
 
 def shared_rows(traces: Sequence[Trace]) -> Check:
-    """Look for two records whose readings are equal, digit by digit but for their zero and the end of the longer one.
-
-    Files with the same bytes are left to the check of the session.
-    """
+    """Look for two records of equal readings, digit by digit but for their zero and the end of the longer one."""
     name = "readings of another record"
     known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
     if len(known) < 2:
         return not_made(name, "two records with readings that differ")
     for first, later in combinations(known, 2):
         n, half = min(first.reading.size, later.reading.size), 0.5 * max(first.resolution, later.resolution)
-        is_same_file = first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True)
         apart = np.abs(np.diff(first.reading[:n]) - np.diff(later.reading[:n]))
-        if not is_same_file and (apart[np.isfinite(apart)] < half).all():
+        if (apart[np.isfinite(apart)] < half).all():
             text = f"{n} readings in a row are those of {first.name}, digit by digit"
             return later.seen(name, text, "doubtful", "a copy was taken for a repeat")
     return stated(name, f"no two of {len(known)} records share their readings", None)
