@@ -19,14 +19,12 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
 from pipelines.experiments.shared.film_checks import (
-    CAUSES,
-    explained,
     exposed,
     exposure_stated,
     frame_times,
     in_order,
     no_copies,
-    whole_film,
+    of_film,
     wrong_rate,
 )
 from pipelines.experiments.shared.given import Given
@@ -48,8 +46,7 @@ _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and 
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
 _FEWEST = 8  # frames with a contact, in which one may jump
 _LONGER = 1.5  # of the usual interval between frames in contact, from which some are missing
-_MENDS = {"region": "region"}  # setting, by the reason of the error
-_FAILED = CAUSES | {
+_FAILED = {
     "region": "region does not lie in the images",
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
     "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
@@ -82,12 +79,11 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     radius, impacts, sphere = given.get("radius"), given.get("impacts"), settings.sphere
-    whole = whole_film(context, settings.film)
-    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
+    _, checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
-        checks += _of_frames(radius, impacts, whole, settings)
+        checks += _of_frames(radius, impacts, settings)
         checks += given.each((_fringes, _method, _flies, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_like_model, _order, _flight))
@@ -109,11 +105,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     )
 
 
-def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, settings: ContactArea) -> Iterator[Check]:
-    """Evaluate the frames of the film, their light, times and order."""
+def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Iterator[Check]:
+    """Evaluate the exposure, times and order of the frames."""
     film, frame, time = settings.film, radius["frame"].values, radius["time"].values
     touches, is_sound = (radius[name].values.astype(bool) for name in ("in_contact", "valid"))
-    yield from (whole, exposed(radius, film), exposure_stated(radius, film, settings.exposure))
+    yield exposure_stated(radius, film, settings.exposure)
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
     inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
     yield frame_times(film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
@@ -122,7 +118,8 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, set
     a, u = radius["radius"].values, radius["u_radius"].values
     measured = touches & np.isfinite(a * u)
     noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
-    yield in_order(film, frame, np.where(touches, a**2, np.where(is_sound, 0.0, nan)), noise, time, ~touches)
+    square = np.where(touches, a**2, np.where(is_sound, 0.0, nan))
+    yield in_order(film, frame, square, noise=noise, time=time, missed=~touches)
 
 
 def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:

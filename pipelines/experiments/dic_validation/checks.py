@@ -16,16 +16,7 @@ from pipelines.experiments.dic_validation.measured import statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
-from pipelines.experiments.shared.film_checks import (
-    CAUSES,
-    explained,
-    exposed,
-    frame_times,
-    in_order,
-    no_copies,
-    whole_film,
-    wrong_rate,
-)
+from pipelines.experiments.shared.film_checks import frame_times, in_order, no_copies, of_film, wrong_rate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 
@@ -44,7 +35,7 @@ _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned 
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
 _MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
 _POLYGON = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
-_FAILED = CAUSES | {
+_FAILED = {
     reason: f"{setting} does not lie in the images" if reason == setting else _POLYGON
     for reason, setting in _MENDS.items()
 }
@@ -72,8 +63,7 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     track, motion = given.get("track"), given.get("motion")
-    whole = whole_film(context, settings.film)
-    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
+    whole, checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
         checks += _of_frames(track, whole, settings)
@@ -112,7 +102,7 @@ def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iter
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield stated(FOUND, message, level, cause=cause, setting=setting)
-    yield from (whole, exposed(track, film), _steady(track, film))
+    yield _steady(track, film)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)

@@ -20,7 +20,7 @@ from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.counter_body import OF_PLATE, counter_body_of, modulus_of, plate_inputs, resolve_plate
-from pipelines.experiments.shared.material_choice import IMPACT_TIMES, Variation, resolve, variations
+from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.settings import Sphere
@@ -65,17 +65,14 @@ def simulated_drop(
     (:mod:`pipelines.experiments.shared.model_inputs`); and as JSON ``plate``, ``linear_range`` and the ``budget``
     of the variable ``of_budget`` at the first impact.
     """
-    sphere, chosen = settings.sphere, settings.model
-    solid, gravity = resolve(sphere, material_file, fitted), chosen.gravity.value
-    under, floor = resolve_plate(settings.plate, plate), plate_inputs(settings.plate, plate)
-    flat = counter_body_of(settings.counter_body)
-    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
-    inputs |= {f"{OF_PLATE}{name}": given for name, given in floor.items()}
+    sphere, chosen, gravity = settings.sphere, settings.model, settings.model.gravity.value
+    solid, under = resolve(sphere, material_file, fitted), resolve_plate(settings.plate, plate)
+    flat, stiffness = counter_body_of(settings.counter_body), modulus_of(settings.counter_body)
+    stated = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    drop = {"material": solid, "plate": under, "substrate": flat} | {name: one.value for name, one in stated.items()}
+    arguments = ("material", "radius", "mass", "height")
     made = contact.drop(
-        solid,
-        sphere.radius.value,
-        sphere.mass.value,
-        settings.height.value,
+        *(drop[name] for name in arguments),
         duration,
         chosen.solver,
         chosen.profile,
@@ -86,34 +83,37 @@ def simulated_drop(
         substrate=flat,
         full=full,
     )
+    # of each input its step, and what is other in the drop; of one without an uncertainty too, as it may be stated
+    # wrongly as well
+    given, steps, moved = dict[str, Quantity](), dict[str, float](), [drop]
+
+    def add(name: str, one: Quantity, by: float, **other: Any) -> None:
+        given[name], steps[name] = one, by
+        moved.append(drop | other)
+
+    for name, one in stated.items():
+        by = max(one.u, _LEAST_CHANGE * one.value)
+        add(name, one, by, **{name: one.value + by})
+    for name, one in plate_inputs(settings.plate, plate).items():
+        by = max(one.u, _LEAST_CHANGE * one.value)
+        add(f"{OF_PLATE}{name}", one, by, plate=replace(under, **{name: one.value + by}))
+    for name, change in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
+        add(name, change.given, change.change, material=change.solid)
+    for name, one in stiffness.items():  # compliances add up and go as 1/E: a rigid flat differs by its slope times E
+        add(name, one, one.value, substrate=None)
+    add("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, material=solid.scaled(1.0 + _STIFFER))
     count = min(made.sizes["impact"], followed)
-    # of each input another value, one without an uncertainty too, as it may be stated wrongly as well
-    steps = {name: max(given.u, _LEAST_CHANGE * given.value) for name, given in inputs.items()}
-    solids, flats = dict.fromkeys(inputs, solid), list[Any]([flat, *(flat for _ in inputs)])
-    changes = variations(sphere, material_file, fitted, IMPACT_TIMES)
-    changes |= {name: Variation(E, E.value, solid) for name, E in modulus_of(settings.counter_body).items()}
-    changes["modulus"] = Variation(Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER))
-    for name, (_, steps[name], solids[name]) in changes.items():
-        # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
-        flats.append(None if name in modulus_of(settings.counter_body) else flat)
-    given = inputs | {name: change.given for name, change in changes.items()}
-    found = {name: np.zeros((1 + len(given), 0)) for name in _UNCERTAIN}
+    found = {name: np.zeros((len(moved), 0)) for name in _UNCERTAIN}
     if count:
-        stated = {name: one.value for name, one in inputs.items()}
-        values = [stated, *(stated | {n: stated[n] + steps[n]} if n in inputs else stated for n in given)]
-        moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
         train = contact.impacts(
-            [solid, *solids.values()],
-            [one["radius"] for one in values],
-            [one["mass"] for one in values],
-            [one["height"] for one in values],
+            *([one[name] for one in moved] for name in arguments),
             duration,
             count,
             chosen.profile,
             max(chosen.rtol, _COARSE),
             gravity=gravity,
-            plate=[None if under is None else replace(under, **one) for one in moved],
-            substrate=flats,
+            plate=[one["plate"] for one in moved],
+            substrate=[one["substrate"] for one in moved],
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
@@ -139,7 +139,7 @@ def _with_slopes(
     made = made.merge(table_of(given))
     for name, slope in slopes.items():
         units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(given)}: {name}"
-        whole = np.sqrt(np.sum(np.square(np.nan_to_num(slope) * u), axis=0))
+        whole = np.linalg.norm(np.nan_to_num(slope) * u, axis=0)
         made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
         text = f"change per SI unit of input: {name}"
         made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, count).T, units, text)
@@ -167,10 +167,10 @@ def linear_range(
 ) -> dict[str, Any]:
     """Return pressure and strain of the first impact of a simulated drop, and up to where linearity is known.
 
-    ``strain`` and, of the rheometer's sweeps, ``sweeps`` (None where their files state none); ``pressure`` [Pa], that
-    of Hertz for the largest force and radius. Where the yield stress of the material is known, at the mean strain rate
-    of the contact, ``rate`` [1/s]: ``onset``, ``u_onset`` [Pa], ``beyond``, the number of impacts whose pressure
-    exceeds it, and ``fall`` [m], from which the first one does (the pressure goes with the fifth root of the height).
+    ``strain``; of the rheometer's ``sweeps``, None where their files state none; ``pressure`` [Pa], that of Hertz for
+    the largest force and radius. Where the yield stress of the material is known, at the mean strain ``rate`` [1/s] of
+    the contact: ``onset``, ``u_onset`` [Pa], ``beyond``, the number of impacts whose pressure exceeds it, and ``fall``
+    [m], from which the first one does (the pressure goes with the fifth root of the height).
     """
     if not made.sizes["impact"]:
         return {}
