@@ -42,7 +42,6 @@ _OTHERWISE = {
 _REPEATS = (
     Repeated("drop_height", "height of the fall", "m"),
     Repeated("restitution", "first restitution", "1", of_two=0.05),
-    Repeated("fall_acceleration", G, "m/s2"),
 )
 _FAILED = record_checks.CAUSES | {
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
@@ -52,11 +51,8 @@ _FAILED = record_checks.CAUSES | {
 }
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
 TITLES = {
-    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, "direction of the fall")),
+    **fall_checks.OF_FALL,
     "stated height": Title("The measured fall equals the stated height.", (HEIGHT,)),
-    "order of the bounces": Title(
-        "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
-    ),
     "contact duration": Title("Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere.", (fall_checks.DURATION,)),
     "level at rest": Title("The floor stays in place: the body rests where it first touched.", ("level at rest",)),
     "repeats": Title("Repeats agree within their scatter.", ("repeats",)),

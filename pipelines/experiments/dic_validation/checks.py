@@ -51,10 +51,7 @@ TITLES = {
     **judgements.OF_FILM,
     "view of the holder": Title("The holder is found in every frame.", (FOUND,)),
     "steady view": Title("The size of the holder's image does not jump between frames.", (SIZE,)),
-    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", ("direction of the fall", G)),
-    "order of the bounces": Title(
-        "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
-    ),
+    **fall_checks.OF_FALL,
     "comparison with the laser": Title("Film and laser show drops from one height.", (HEIGHT,)),
 }
 
