@@ -81,7 +81,20 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
-    of_falls = [_of_fall(fall, stiffness, settings, of_traces) for fall, _ in records]
+    gravity, of_falls = settings.model.gravity, list[list[Check]]()
+    for fall, _ in records:
+        found = [
+            fall_checks.acceleration(fall, gravity),
+            fall_checks.height(fall, settings.height),
+            fall_checks.restitution(fall),
+            fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, stiffness, gravity),
+            fall_checks.rest_level(fall),
+            fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
+        ]
+        for wrong in of_traces:  # lost rows explain their effects
+            if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
+                found = judgements.because(found, wrong.cause, *(c.name for c in found), file=fall.name)
+        of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
@@ -103,25 +116,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         measured_by=judgements.measured_by(sphere),
         alternatives=partial(of_drop, given=given, settings=settings),
     )
-
-
-def _of_fall(
-    fall: Fall, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
-) -> list[Check]:
-    """Evaluate all redundancies of one recording; lost rows explain their effects."""
-    gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
-    checks = [
-        fall_checks.acceleration(fall, gravity),
-        fall_checks.height(fall, settings.height),
-        fall_checks.restitution(fall),
-        fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
-        fall_checks.rest_level(fall),
-        fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
-    ]
-    for wrong in of_traces:
-        if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-            checks = judgements.because(checks, wrong.cause, *(c.name for c in checks), file=fall.name)
-    return checks
 
 
 def _of_their_files(

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.identification import Bounces
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.drop_evidence import of_drop
@@ -41,7 +40,11 @@ def evidence(
     )
     touch = touch - touch[:, :1]
     own = np.sqrt(np.maximum(u_touch**2 - shared_u_touch**2, 0.0).mean(axis=0))
-    own = np.maximum(own, _scatter(touch)) / np.sqrt(len(bounces))
+    if len(bounces) > 2:  # the scatter of times between repeats that their heights do not explain
+        mean = touch.mean(axis=0)
+        rest = touch - (touch @ mean / (mean @ mean))[:, None] * mean
+        own = np.maximum(own, np.linalg.norm(rest, axis=0) / np.sqrt(len(bounces) - 1))
+    own /= np.sqrt(len(bounces))
     own = np.maximum(own, _LEAST_OF_TIME * touch.mean(axis=0))
     unknowns = {
         "trigger": nuisance(f"{name} trigger", 0.0, float(own[0]), "s", "delay of the first contact"),
@@ -53,12 +56,3 @@ def evidence(
     seen = Bounces(touch.mean(axis=0), own, duration, u_duration, none, none, np.sqrt(shared))
     heights = [float(b["drop_height"]) for b in bounces]
     return of_drop(name, settings, seen, unknowns, plate, file, fitted, heights)
-
-
-def _scatter(touch: Floats) -> Floats:
-    """Return the scatter (impact,) of times between repeats that their heights do not explain."""
-    if len(touch) < 3:
-        return np.zeros(touch.shape[1])
-    mean = touch.mean(axis=0)
-    rest = touch - (touch @ mean / (mean @ mean))[:, None] * mean
-    return np.asarray(np.sqrt(np.sum(rest**2, axis=0) / (len(touch) - 1)))

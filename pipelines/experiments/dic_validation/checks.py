@@ -76,11 +76,18 @@ def _fall(
     """Evaluate the redundancies of a fall."""
     if not bounces.sizes["impact"]:
         return []
-    fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
+    film, fall = settings.film, Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
+    height = not_made(HEIGHT, "a laser experiment")
+    if laser is not None and laser.sizes.get("impact"):
+        seen, own = fall.value("drop_height")
+        expected, u = float(laser["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value), hypot(own, seen * fall.relative)
+        text = f"{film}: the holder fell {fall_checks.shown(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
+        other = _BETWEEN_DAYS * expected
+        height = compared(HEIGHT, text, seen, u, expected, other, allowance=3 * other, file=film)
     return [
-        fall_checks.direction(fall, _UPSIDE_DOWN, file=settings.film, setting=""),
+        fall_checks.direction(fall, _UPSIDE_DOWN, file=film),
         fall_checks.acceleration(fall, _GRAVITY),
-        _height(fall, laser),
+        height,
         fall_checks.restitution(fall),
     ]
 
@@ -131,17 +138,6 @@ def _steady(track: xr.Dataset, film: str) -> Check:
     cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
     cause += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     return stated(SIZE, text, "doubtful", cause=cause, file=film)
-
-
-def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
-    if laser is None or not laser.sizes.get("impact"):
-        return not_made(HEIGHT, "a laser experiment")
-    seen, own = fall.value("drop_height")
-    expected = float(laser["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value)
-    u = hypot(own, seen * fall.relative)
-    message = f"{fall.name}: the holder fell {fall_checks.shown(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
-    other = _BETWEEN_DAYS * expected
-    return compared(HEIGHT, message, seen, u, expected, other, allowance=3 * other, file=fall.name)
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:

@@ -54,7 +54,10 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
     made["material"] = variable("series", [drops.material for drops in settings.drops], "1", "material")
     made["n"] = variable("series", list(map(len, groups)), "1", "recordings")
     for name, (units, text) in _OF_DROP.items():
-        value, u = np.array([_mean(group, name) for group in groups]).T
+        each = [np.array([(float(one[name]), float(one[f"u_{name}"])) for one in group]).T for group in groups]
+        value, n = np.array([values.mean() for values, _ in each]), made["n"][1]
+        scatter = [np.std(values, ddof=int(values.size > 1)) for values, _ in each]
+        u = np.maximum(scatter, [np.sqrt(np.mean(own**2)) for _, own in each]) / np.sqrt(n)
         if name == "amplitude":  # inclination and gain are the same in every recording
             u = np.hypot(u, relative * value)
         made |= with_u(name, "series", value, u, units, f"{text}, mean of the repeats")
@@ -69,13 +72,6 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
         made[f"probability_{name}"] = variable((), chance, "1", f"probability of so large a difference: {text}")
     series = {"series": ("series", np.arange(1, len(groups) + 1), described("1", "number of the drops"))}
     return xr.Dataset(made, series, {"u_systematic_relative": relative})
-
-
-def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
-    """Return the mean of the repeats; its uncertainty is at least that of the repeats."""
-    values, own = (np.array([float(one[of]) for one in group]) for of in (name, f"u_{name}"))
-    scatter = float(np.std(values, ddof=1)) if values.size > 1 else 0.0
-    return float(values.mean()), float(max(scatter, np.sqrt(np.mean(own**2))) / np.sqrt(values.size))
 
 
 def weighted_mean(values: Floats, u: Floats) -> tuple[float, float, float]:

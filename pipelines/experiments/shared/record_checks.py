@@ -137,29 +137,33 @@ def of_recordings(
     ``read``, ``moved`` and ``bounced`` are readings, displacement and bounces by recording; ``failed`` are the causes
     of failed steps.
     """
-    gravity, record = settings.model.gravity.value, settings.calibration
-    outputs = ((name, one) for name, one in read.items() if one is not None)
-    traces = [t for name, one in outputs if (t := Trace.of(name, one, settings.sensor.output)) is not None]
-    found = [c for t in traces for c in of_readings(t, gravity, moved.get(t.name), bounced.get(t.name))]
+    record, traces, found = settings.calibration, list[Trace](), list[Check]()
+    for name, one in read.items():
+        if one is not None and (trace := Trace.of(name, one, settings.sensor.output)) is not None:
+            traces.append(trace)
+            results = [result for result in (moved.get(name), bounced.get(name)) if result is not None]
+            line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
+            found += of_readings(trace, settings.model.gravity.value, line)
     others = [placed(check, record, check.file) for check in failed_steps(context, failed)]
     return [*found, shared_rows(traces)], [*others, *of_record(moved, record)]
 
 
-def of_readings(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> list[Check]:
-    """Evaluate continuity and noise of a record; ``found_in`` are its displacement and its bounces, where known."""
+def of_readings(trace: Trace, gravity: float, hum: Hum | None = None) -> list[Check]:
+    """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it."""
     if np.isfinite(trace.reading).sum() < 10 * _FLAT:
         return [not_made("readings", "sixty valid readings")]
     held = held_readings(trace)
     found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
     if held.level is None:
         found += [_jumps(trace), _single_rows(trace)]
-    results = [one for one in found_in if one is not None]
-    if not results:
-        found.append(not_made("mains hum", "a displacement"))
-    line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
-    if line is not None:
-        return [*found, _hum(trace, line)]
-    return [*found, _beginning(trace, gravity)]
+    if hum is None:
+        return [*found, _beginning(trace, gravity)]
+    left = float(np.sqrt(np.mean(np.sum(hum.modes(trace.time) ** 2, axis=1))))
+    text = f"hum of {quantity(hum.amplitude, 'm')} at {hum.frequency:.4g} Hz, subtracted to "
+    text += f"± {quantity(left, 'm')}, which is in the uncertainties"
+    level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
+    cause = "mains hum: ground the sensor, or average over one period"
+    return [*found, trace.seen("mains hum", text, level, cause)]
 
 
 def unread(trace: Trace) -> Check:
@@ -209,15 +213,14 @@ def longest_run(flags: np.ndarray) -> tuple[int, int]:
 def _jumps(trace: Trace) -> Check:
     """Look for steps between two readings that no speed of the body explains."""
     name, known = "jumps and spikes", np.flatnonzero(np.isfinite(trace.reading))
-    x = trace.reading[known]
-    steps = np.diff(x)
+    steps = np.diff(trace.reading[known])
     # of three steps in a row the middle one: a spike makes two of them, against each other
     middle = np.median(np.lib.stride_tricks.sliding_window_view(steps, 3), axis=1)
     usual = float(np.quantile(np.abs(middle), 0.995))
     limit = max(3.0 * usual, 0.02 * trace.travel) + _IN_NOISE * trace.noise + 2 * trace.resolution
-    large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
-    if large.size:
-        worst = max(large.tolist(), key=lambda i: abs(float(steps[i])))
+    jumps = np.where(np.diff(known) == 1, np.abs(steps), 0.0)
+    worst = int(np.argmax(jumps))
+    if jumps[worst] > limit:
         text = f"the readings jump by {quantity(float(steps[worst]), 'm')} at {trace.at(int(known[worst + 1]))}, "
         text += f"{quantity(usual, 'm')} between two readings is usual"
         cause = "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
@@ -242,11 +245,10 @@ def _single_rows(trace: Trace) -> Check:
     if trace.reading.size < 2 * _WINDOW:
         return not_made(SINGLE_ROWS, f"{2 * _WINDOW} readings")
     place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)
-    design = np.stack([np.ones(_WINDOW), place, place**2, np.sign(place) / 2.0])
+    design = np.stack([place**0, place, place**2, np.sign(place) / 2.0])
     inverse = np.linalg.pinv(design)
     windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
-    fitted = windows @ inverse
-    noise = max(trace.noise, 0.3 * trace.resolution)
+    fitted, noise = windows @ inverse, max(trace.noise, 0.3 * trace.resolution)
     is_smooth = np.std(windows - fitted @ design, axis=1) < 1.5 * noise
     step, jump, u = fitted[:, 1], fitted[:, 3], noise * float(np.linalg.norm(inverse[:, 3]))
     # a small bounce turns within a window too, but at steps that hardly exceed the noise
@@ -326,23 +328,14 @@ def _steady_noise(trace: Trace) -> Check:
     return trace.seen(name, text, "note" if sizes[high] > 3.0 * sizes[low] else None, cause)
 
 
-def _hum(trace: Trace, line: Hum) -> Check:
-    """Report the hum of the mains that was subtracted from a record, and its remainder."""
-    left = float(np.sqrt(np.mean(np.sum(line.modes(trace.time) ** 2, axis=1))))
-    text = f"hum of {quantity(line.amplitude, 'm')} at {line.frequency:.4g} Hz, subtracted to "
-    text += f"± {quantity(left, 'm')}, which is in the uncertainties"
-    level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
-    return trace.seen("mains hum", text, level, "mains hum: ground the sensor, or average over one period")
-
-
 def _beginning(trace: Trace, gravity: float) -> Check:
     """Compare the first readings with a body at rest: neither in free fall nor drifting."""
     name, known = "beginning of the record", np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
-    t, x = trace.time[known] - trace.time[known[:1]], trace.reading[known]
+    t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     keep = np.abs(x - np.median(x)) <= max(0.25 * trace.travel, 20 * trace.noise)
-    t, x = t[keep], x[keep]
-    if t.size < _QUIET // 2 or t[-1] == 0.0:
+    if keep.sum() < _QUIET // 2:
         return not_made(name, f"{_QUIET} quiet readings")
+    t, x = t[keep], x[keep]
     span, noise = float(t[-1]), max(trace.noise, 0.3 * trace.resolution, 1e-12)
     bend, slope = 2 * float(np.polyfit(t, x, 2)[0]), float(np.polyfit(t, x, 1)[0])
     u_bend, u_slope = noise * sqrt(720.0 / t.size) / span**2, noise * sqrt(12.0 / t.size) / span
@@ -364,11 +357,10 @@ def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> li
     """Evaluate the calibration record of the sensor that gave the displacements of some recordings."""
     known = {name: each for name, each in displacements.items() if each is not None}
     days = [day_known(each, record, name) for name, each in known.items()] or [day_known(None, record)]
-    found = [min(days, key=lambda check: ("doubtful", "note", None).index(check.level))]
-    first = next(iter(known.values()), None)
-    if first is None or "inclination" not in first:
+    found, first = [min(days, key=lambda check: ("doubtful", "note", None).index(check.level))], [*known.values()][:1]
+    if not first or "inclination" not in first[0]:
         return [*found, not_made("line of sight", "a displacement")]
-    angle, u = (float(np.rad2deg(first[name])) for name in ("inclination", "u_inclination"))
+    angle, u = (float(np.rad2deg(first[0][name])) for name in ("inclination", "u_inclination"))
     text = f"{record}: inclination ({angle:.3g} ± {u:.2g})°, lengths are divided by its cosine"
     cause = f"inclination in {record} is probably not {angle:.3g}°: a lost decimal point, or the angle to the plate"
     if u > 3.0:  # even an angle estimated by eye is known better
