@@ -84,18 +84,17 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
         checks += _of_frames(radius, impacts, settings)
-        checks += given.each((_fringes, _method, _flies, _stays))
+        checks += given.each((_fringes, _flies, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_like_model, _order, _flight))
         # where impacts do not follow each other another flight is compared with the stated height
         order = next(c for c in checks if c.name == ORDER)
         checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, log_ratio=nan)
-    causes = given.each([_causes])
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     return Scene(
         checks,
-        causes,
+        given.each([_causes]),
         given.each([rows]),
         inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
@@ -122,33 +121,29 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, settings: Contact
     yield in_order(film, frame, square, noise=noise, time=time, missed=~touches)
 
 
-def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
-    light, body = settings.wavelength, settings.sphere.radius
-    ratio = float(radius.attrs.get("phase_scale_ratio", nan))
-    if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
-        return not_made(FRINGE, "a wavelength, and fringes that the film resolves")
-    u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
-    message = (
-        f"{settings.film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the "
-        f"fringes, or else a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % "
-        f"{'longer' if ratio > 1 else 'shorter'} than stated"
-    )
-    u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
-    return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)
-
-
-def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name = "fringes are resolved"
+def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
+    """Look for fringes, and compare their spacing with the stated wavelength, radius and scale."""
+    light, body, film = settings.wavelength, settings.sphere.radius, settings.film
     edges, fringes = edges_only(radius)
-    if settings.wavelength is None:
-        return not_made(name, "the wavelength of monochromatic light")
-    message = f"{settings.film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+    ratio = float(radius.attrs.get("phase_scale_ratio", nan))
+    if light is None:
+        yield not_made(FRINGE, "the wavelength of monochromatic light")
+        return
+    message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     if level == "doubtful":
         other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        cause = exposed(radius, settings.film).cause or other
-    return stated(name, message, level, cause=cause, file=settings.film)
+        cause = exposed(radius, film).cause or other
+    yield stated("fringes are resolved", message, level, cause=cause, file=film)
+    if fringes and isfinite(ratio):
+        u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
+        u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
+        message = (
+            f"{film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the fringes, "
+            f"or else a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
+        )
+        yield compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=film)
 
 
 def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, is_law: bool = True) -> Check:

@@ -29,7 +29,7 @@ _LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
-_BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
+_BRIEF = 0.3  # an impact lasts at least this share of what is usual: slower ones last longer
 _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
 
 
@@ -133,17 +133,12 @@ def _contacts(time: Floats, is_seen: Flags, is_unknown: Flags) -> list[Integers]
 
 def _brief_contacts(time: Floats, a: Floats, runs: list[Integers]) -> list[Integers]:
     """Return contacts that are impacts: neither rest nor a frame mistaken for a contact."""
-    last = len(time) - 1
     brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
-    shortest = min((np.ptp(time[run]) for run in brief if len(run) > 2), default=np.inf)
-    brief = [run for run in brief if len(run) < 2 or np.diff(time[run]).max() <= shortest]
-    longest, most = max((np.ptp(time[run]) for run in brief), default=0.0), max(map(len, brief), default=0)
-    between = [time[min(run[-1] + 1, last)] - time[max(run[0] - 1, 0)] for run in brief]
-    return [
-        run
-        for run, lasts in zip(brief, between, strict=True)
-        if lasts >= _BRIEF * longest and not (len(run) == 1 and most >= _RESOLVED)
-    ]
+    if max(map(len, brief), default=0) >= _RESOLVED:
+        brief = [run for run in brief if len(run) > 1]
+    least = _BRIEF * float(np.median([np.ptp(time[run]) for run in brief])) if brief else 0.0
+    around = [time[[max(run[0] - 1, 0), min(run[-1] + 1, len(time) - 1)]] for run in brief]
+    return [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
 
 
 # Frames on either side of the largest and degree of the polynomial through them, the best first. In
@@ -192,10 +187,9 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings
     source = film_of(film, settings)
     sound = np.flatnonzero(radius["valid"].values)
     spread = sound[np.linspace(0, len(sound) - 1, min(_ALL_OVER, len(sound))).round().astype(int)]
-    wanted = spread.tolist() if impacts is None else _of_impacts(radius, impacts)
-    near = [i for i in wanted if source.valid[int(radius["frame"][i])]]
-    found = key_frames(source, [int(radius["frame"][i]) for i in near])
-    return with_circles(found, radius.isel(frame=near)).assign_attrs(work=json.dumps({"key_frames": len(near)}))
+    near = spread if impacts is None else _of_impacts(radius, impacts)
+    found = key_frames(source, radius["frame"].values[near])
+    return with_circles(found, radius.sel(frame=found["frame"].values))
 
 
 def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:

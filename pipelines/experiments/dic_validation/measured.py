@@ -207,9 +207,8 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
     near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
     near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
     near = thinned(range(near[-2] + 1) if len(near) > 1 else (), near)
-    near = [i for i in near if source.valid[int(track["frame"][i])]]
-    found = key_frames(source, [int(track["frame"][i]) for i in near])
-    return with_points(found, track.isel(frame=near)).assign_attrs(work=json.dumps({"key_frames": len(near)}))
+    found = key_frames(source, track["frame"].values[near])
+    return with_points(found, track.sel(frame=found["frame"].values))
 
 
 def with_points(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:

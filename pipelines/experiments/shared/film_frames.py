@@ -1,5 +1,6 @@
 """Films in experiments: opening, recording date, key frames."""
 
+import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import UTC, datetime
@@ -90,7 +91,7 @@ def recorded_on(film: object) -> str:
     return "" if seconds < _FIRST_DAY else str(datetime.fromtimestamp(seconds, UTC).date())
 
 
-def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
+def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
     """Copy a few frames for the page, reduced to 8 bit and to its width.
 
     Returns
@@ -100,7 +101,7 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
         the scalar ``reduction``, px of the film per px of the image. Attribute ``header``: the
         entries of the film's header, one line each.
     """
-    sound = [i for i in chosen if film.valid[i]]
+    sound = [int(i) for i in chosen if film.valid[i]]
     if not sound:
         raise InputError("all frames selected for display are damaged in the film")
     low, high = film.levels
@@ -117,7 +118,10 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
             "key_time": variable("key", film.time[sound], "s", "time in the film"),
             "reduction": variable((), columns / size[0], "1", "px of the film per px of the image"),
         },
-        attrs={"header": "\n".join(_header_lines(getattr(film, "header", None)))},
+        attrs={
+            "header": "\n".join(_header_lines(getattr(film, "header", None))),
+            "work": json.dumps({"key_frames": len(sound)}),
+        },
     )
 
 
