@@ -16,7 +16,7 @@ import xarray as xr
 from labpipe import contact, materials
 from labpipe.arrays import Floats
 from labpipe.report import quantity, value_with_uncertainty
-from labpipe.uncertainty import Source, budget_rows
+from labpipe.uncertainty import Row, Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.counter_body import OF_PLATE, counter_body_of, modulus_of, plate_inputs, resolve_plate
@@ -67,12 +67,12 @@ def simulated_drop(
     """
     sphere, chosen, gravity = settings.sphere, settings.model, settings.model.gravity.value
     solid, under = resolve(sphere, material_file, fitted), resolve_plate(settings.plate, plate)
-    flat, stiffness = counter_body_of(settings.counter_body), modulus_of(settings.counter_body)
-    stated = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
-    drop = {"material": solid, "plate": under, "substrate": flat} | {name: one.value for name, one in stated.items()}
-    arguments = ("material", "radius", "mass", "height")
+    flat, height = counter_body_of(settings.counter_body), settings.height.value
     made = contact.drop(
-        *(drop[name] for name in arguments),
+        solid,
+        sphere.radius.value,
+        sphere.mass.value,
+        height,
         duration,
         chosen.solver,
         chosen.profile,
@@ -83,72 +83,68 @@ def simulated_drop(
         substrate=flat,
         full=full,
     )
-    # of each input its step, and what is other in the drop; of one without an uncertainty too, as it may be stated
-    # wrongly as well
-    given, steps, moved = dict[str, Quantity](), dict[str, float](), [drop]
+    changes = dict[str, tuple[Quantity, float, Any]]()  # of each input: the input, its step, and what it makes of it
+    floor = plate_inputs(settings.plate, plate)
+    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    for name, one in (inputs | {f"{OF_PLATE}{name}": one for name, one in floor.items()}).items():
+        by = max(one.u, _LEAST_CHANGE * one.value)  # one without an uncertainty may be stated wrongly as well
+        part = name.removeprefix(OF_PLATE)
+        changes[name] = one, by, one.value + by if part == name else replace(under, **{part: one.value + by})
+    solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
+    # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
+    flats = {name: (one, one.value, None) for name, one in modulus_of(settings.counter_body).items()}
+    stiffer = Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)
+    changes |= solids | flats | {"modulus": stiffer}
 
-    def add(name: str, one: Quantity, by: float, **other: Any) -> None:
-        given[name], steps[name] = one, by
-        moved.append(drop | other)
+    def moved(best: Any, *names: str) -> list[Any]:
+        return [best, *(other if name in names else best for name, (_, _, other) in changes.items())]
 
-    for name, one in stated.items():
-        by = max(one.u, _LEAST_CHANGE * one.value)
-        add(name, one, by, **{name: one.value + by})
-    for name, one in plate_inputs(settings.plate, plate).items():
-        by = max(one.u, _LEAST_CHANGE * one.value)
-        add(f"{OF_PLATE}{name}", one, by, plate=replace(under, **{name: one.value + by}))
-    for name, change in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
-        add(name, change.given, change.change, material=change.solid)
-    for name, one in stiffness.items():  # compliances add up and go as 1/E: a rigid flat differs by its slope times E
-        add(name, one, one.value, substrate=None)
-    add("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, material=solid.scaled(1.0 + _STIFFER))
-    count = min(made.sizes["impact"], followed)
-    found = {name: np.zeros((len(moved), 0)) for name in _UNCERTAIN}
+    count, found = min(made.sizes["impact"], followed), dict.fromkeys(_UNCERTAIN, np.zeros((1 + len(changes), 0)))
     if count:
         train = contact.impacts(
-            *([one[name] for one in moved] for name in arguments),
+            moved(solid, *solids, "modulus"),
+            moved(sphere.radius.value, "radius"),
+            moved(sphere.mass.value, "mass"),
+            moved(height, "height"),
             duration,
             count,
             chosen.profile,
             max(chosen.rtol, _COARSE),
             gravity=gravity,
-            plate=[one["plate"] for one in moved],
-            substrate=[one["substrate"] for one in moved],
+            plate=moved(under, *(f"{OF_PLATE}{name}" for name in floor)),
+            substrate=moved(flat, *flats),
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
-    made = _with_slopes(made, given, steps, found, of_budget)
+    made, budget = _with_slopes(made, changes, found, of_budget)
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
-    limits = linear_range(made, sphere, settings.height.value, material_file, fitted)
-    known = {"linear_range": limits, "plate": None if under is None else asdict(under), "work": work}
+    known = {
+        "linear_range": linear_range(made, sphere, height, material_file, fitted),
+        "plate": None if under is None else asdict(under),
+        "work": work,
+        "budget": budget,
+    }
     return made.assign_attrs({name: json.dumps(value) for name, value in known.items()})
 
 
 def _with_slopes(
-    made: xr.Dataset,
-    given: Mapping[str, Quantity],
-    steps: Mapping[str, float],
-    found: Mapping[str, Floats],
-    of_budget: str,
-) -> xr.Dataset:
-    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts."""
-    count, u = made.sizes["impact"], np.array([one.u for one in given.values()])[:, None]
-    by = np.array([steps[name] for name in given])[:, None]
-    slopes = {name: (values[1:] - values[0]) / by for name, values in found.items()}
-    made = made.merge(table_of(given))
-    for name, slope in slopes.items():
-        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(given)}: {name}"
-        whole = np.linalg.norm(np.nan_to_num(slope) * u, axis=0)
-        made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
+    made: xr.Dataset, changes: Mapping[str, tuple[Quantity, float, Any]], found: Mapping[str, Floats], of_budget: str
+) -> tuple[xr.Dataset, list[Row]]:
+    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts; return a budget too."""
+    given, n = {name: one for name, (one, _, _) in changes.items()}, made.sizes["impact"]
+    u, by = (np.array(of)[:, None] for of in zip(*((one.u, step) for one, step, _ in changes.values()), strict=True))
+    made, sources = made.merge(table_of(given)), []
+    for name, values in found.items():
+        slope, units = (values[1:] - values[0]) / by, made[name].attrs["units"]
+        whole, text = np.linalg.norm(np.nan_to_num(slope) * u, axis=0), f"standard uncertainty from {', '.join(given)}"
+        made[f"u_{name}"] = variable("impact", padded(whole, n), units, f"{text}: {name}")
         text = f"change per SI unit of input: {name}"
-        made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, count).T, units, text)
-    sources = [
-        Source.of(name, one, float(np.nan_to_num(slope[0])))
-        for (name, one), slope in zip(given.items(), slopes[of_budget], strict=True)
-        if count and one.u > 0.0
-    ]
-    return made.assign_attrs(budget=json.dumps(budget_rows(sources)))
+        made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, n).T, units, text)
+        if name == of_budget and n:
+            first = zip(given.items(), np.nan_to_num(slope[:, 0]).tolist(), strict=True)
+            sources = [Source.of(of, one, change) for (of, one), change in first if one.u > 0.0]
+    return made, budget_rows(sources)
 
 
 def slopes_of(made: xr.Dataset, name: str, impact: int) -> dict[str, float]:
