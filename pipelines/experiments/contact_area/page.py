@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.imaging import USUAL_WORK
 from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
@@ -18,7 +17,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import linear_range_rows
-from pipelines.experiments.shared.film_frames import DrawnFilm, drawing_of, film_of, strip
+from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
@@ -96,13 +95,13 @@ def film(path: Path, radius: xr.Dataset | None, *, settings: ContactArea) -> Dra
     names = {"First contact": np.isfinite(found).argmax(), "Largest radius": np.nan_to_num(found).argmax()}
     jumps = {name: int(frame[at]) for name, at in names.items() if np.isfinite(found[at])}
 
-    def drawn(key: xr.Dataset, at: int) -> tuple[NDArray[np.uint8], str, str, float | None]:
+    def drawn(key: xr.Dataset, at: int) -> Drawn:
         return _drawn(with_circles(key, radius.isel(frame=[at])).isel(key=0))
 
     return DrawnFilm(source, frame, drawn, jumps)
 
 
-def _drawn(key: xr.Dataset) -> tuple[NDArray[np.uint8], str, str, float | None]:
+def _drawn(key: xr.Dataset) -> Drawn:
     """Draw the fitted circle on a frame; return it with a description, a caption and its place on the charts."""
     canvas, scale, shift = drawing_of(key)
     x, y, r, major, minor, angle = (float(key[f"circle_{n}"]) for n in ("x", "y", "radius", "major", "minor", "angle"))

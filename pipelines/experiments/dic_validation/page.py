@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.report import Band, LineChart, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation.budget import quantities
@@ -15,7 +14,7 @@ from pipelines.experiments.dic_validation.comparison import rows as compared_row
 from pipelines.experiments.dic_validation.measured import with_points
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import DrawnFilm, drawing_of, film_of, strip
+from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _VIEWS = 3  # impacts that get a button
@@ -61,7 +60,7 @@ def film(path: Path, track: xr.Dataset | None, bounces: xr.Dataset | None, *, se
     if track is None:
         return DrawnFilm(source)
 
-    def drawn(key: xr.Dataset, at: int) -> tuple[NDArray[np.uint8], str, str, float | None]:
+    def drawn(key: xr.Dataset, at: int) -> Drawn:
         return _drawn(with_points(key, track.isel(frame=[at])).isel(key=0), None, settings.tracking)
 
     start = math.nan if bounces is None else float(bounces["first_contact_time"])
@@ -69,9 +68,7 @@ def film(path: Path, track: xr.Dataset | None, bounces: xr.Dataset | None, *, se
     return DrawnFilm(source, track["frame"].values, drawn, jumps)
 
 
-def _drawn(
-    key: xr.Dataset, start: float | None, tracking: Tracking
-) -> tuple[NDArray[np.uint8], str, str, float | None]:
+def _drawn(key: xr.Dataset, start: float | None, tracking: Tracking) -> Drawn:
     """Draw the subsets and masks; those that move with the large subset are moved and turned as it is."""
     canvas, scale, half = drawing_of(key)
     body = key.isel(point=0)
