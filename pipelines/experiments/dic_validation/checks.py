@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import Cause, Check, Level, compared, in_words, not_made, stated
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
@@ -81,7 +81,7 @@ def _fall(
     if laser is not None and laser.sizes.get("impact"):
         seen, own = fall.value("drop_height")
         expected, u = float(laser["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value), hypot(own, seen * fall.relative)
-        text = f"{film}: the holder fell {fall_checks.shown(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
+        text = f"{film}: the holder fell {value_with_uncertainty(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
         other = _BETWEEN_DAYS * expected
         height = compared(HEIGHT, text, seen, u, expected, other, allowance=3 * other, file=film)
     return [

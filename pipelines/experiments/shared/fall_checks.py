@@ -14,7 +14,7 @@ import xarray as xr
 from scipy import special
 
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made, stated
-from labpipe.report import quantity, value_with_uncertainty
+from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements import Title, Titles
@@ -62,11 +62,6 @@ class Fall:
         """Return a quantity, of one impact where it has several, with the standard uncertainty of the record alone."""
         values, u = (np.atleast_1d(self.values(of)) for of in (name, f"u_{name}"))
         return float(values[impact]), float(u[impact])
-
-
-def shown(value: float, u: float, unit: str) -> str:
-    """Write a value with its uncertainty."""
-    return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
 
 
 def acceleration(fall: Fall, gravity: Quantity) -> Check:

@@ -26,7 +26,6 @@ CAUSES = {
 """Fault of a film, by the reason of the error that it ends in."""
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _LONGER = 1.5  # of the usual interval between frames, from which some are missing, and of neighbouring ones
-_AROUND = 8  # frames read on either side of a contact
 _EVERY = 4  # rows and columns of which one is read for the light
 _SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
@@ -62,14 +61,10 @@ def of_film(
 
 
 def repeated(film: FrameSource, is_seen: Flags) -> list[int]:
-    """Find the frames about a contact whose every pixel is that of the frame before.
-
-    ``is_seen`` (frame,) are those that show a contact and were measured.
-    """
+    """Find the frames whose every pixel is that of the frame before, among those that show a contact, ``is_seen``."""
     before: np.ndarray = np.empty(0)
     found, last = [], -1
-    about = np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0
-    for i in map(int, np.flatnonzero(about & film.valid)):
+    for i in map(int, np.flatnonzero(is_seen & film.valid)):
         image = film[i]
         if last == i - 1 and np.array_equal(image, before):
             found.append(i)
