@@ -36,8 +36,8 @@ _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
     """Measure the contact radius while there may be contact; in every frame if full."""
     source = film_of(film, settings)
-    stated = {"measured": settings.measured_on, "recorded": recorded_on(source)}
-    size, checked = camera_scale.image_scale(calibration.load_record(record), settings.view, **stated)
+    known, day = calibration.load_record(record), settings.measured_on
+    size, checked = camera_scale.image_scale(known, settings.view, measured=day, recorded=recorded_on(source))
     sphere, light, exposure = settings.sphere.radius, settings.wavelength, settings.exposure
     rows, columns = _region(source.shape[1:], settings)
     seen = source if settings.region is None else source.roi(rows, columns)

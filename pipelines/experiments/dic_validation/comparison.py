@@ -60,8 +60,8 @@ def comparison(
         (one[name].values[:count], one[f"u_{name}"].values[:count]) for one in (bounces, laser)
     )
     difference = ("difference", ours - theirs, np.hypot(own, others))
-    for key, *values in (("film", ours, own), ("laser", theirs, others), difference):
-        made = made.assign(with_u(f"{name}_{key}", "impact", *values, "1", f"{name}, {key}"))
+    for key, values, u in (("film", ours, own), ("laser", theirs, others), difference):
+        made = made.assign(with_u(f"{name}_{key}", "impact", values, u, "1", f"{name}, {key}"))
     return made.assign_coords(impact=np.arange(1, count + 1))
 
 

@@ -36,6 +36,7 @@ _KEYS = 9
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
+_ACROSS = ("displacement_x", "displacement_y", "u_displacement_x", "u_displacement_y")
 _CLEAR = 50.0  # standard uncertainties of a travel whose direction is determined
 
 
@@ -62,12 +63,9 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
     width = chosen.body_subset or min(_LARGEST_BODY, rows // 3, columns // 2)
     width += 1 - width % 2
     body = chosen.body or (0.5 * (columns - 1), max(0.25 * rows, width / 2 + 2))
-    points, subsets = [tuple(body)], [width]
+    points, subsets = [(float(body[0]), float(body[1]))], [width]
     if chosen.line is not None:
-        (x0, y0), (x1, y1) = chosen.line
-        share = np.linspace(0.0, 1.0, chosen.points)
-        line = zip(x0 + share * (x1 - x0), y0 + share * (y1 - y0), strict=True)
-        points += [(float(x), float(y)) for x, y in line]
+        points += [(x, y) for x, y in np.linspace(*chosen.line, chosen.points).tolist()]
         subsets += [chosen.subset + 1 - chosen.subset % 2] * chosen.points
     half = width // 2
     for name, ends, beside in (("body", [body], 0), ("body_subset", [body], half), ("line", chosen.line or (), 0)):
@@ -78,7 +76,7 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
                     f"tracking.{name}: {what}({x:g}, {y:g}) reaches beyond the images, which are {columns} px wide and "
                     f"{rows} px high; give px of the first image, x to the right and y down"
                 ).because(f"tracking.{name}")
-    return [(float(x), float(y)) for x, y in points], subsets
+    return points, subsets
 
 
 def _static_frames(source: FrameSource, centre: tuple[float, float], width: int) -> int:
@@ -139,15 +137,14 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     direction, u_direction = _direction(body)
     turn, tilt = direction if abs(direction) < STRAIGHT else 0.0, settings.camera_tilt
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
-    along = upwards * body["displacement_y"].values + across * body["displacement_x"].values
-    noise = np.hypot(upwards * body["u_displacement_y"].values, across * body["u_displacement_x"].values)
+    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
+    along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
     text = "displacement of the holder along its motion, upwards"
     table = with_u("displacement", "time", along, noise, "m", text, "(random)")
-    turned = (body[name].values for name in ("rotation", "u_rotation"))
-    table |= with_u("rotation", "time", *turned, "rad", "rotation of the holder, clockwise", "(random)")
+    turned, u_turned = (body[name].values for name in ("rotation", "u_rotation"))
+    table |= with_u("rotation", "time", turned, u_turned, "rad", "rotation of the holder, clockwise", "(random)")
     text = "direction of the motion to the image's columns, to the right of upwards"
     table |= with_u("direction", (), direction, u_direction, "rad", text)
-    table |= {name: moved[name] for name in ("pixel_size", "u_pixel_size")}
     size = float(moved["pixel_size"])
     sources = [Source(*(row[key] for key in Source._fields)) for row in json.loads(moved.attrs["budget"])]
     # the camera may be turned, or the body may move at an angle: the displacement is that along the motion, or less
@@ -161,13 +158,14 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         "budget": json.dumps(budget_rows(sources)),
         "calibration": moved.attrs["calibration"],
     }
-    return xr.Dataset(table, {"time": variable("time", track["time"].values, "s", "time in the film")}, attrs)
+    made = xr.Dataset(table, {"time": variable("time", track["time"].values, "s", "time in the film")}, attrs)
+    return made.assign({name: moved[name] for name in ("pixel_size", "u_pixel_size")})
 
 
 def _direction(body: xr.Dataset) -> tuple[float, float]:
     """Return the angle of the motion to the image's columns with its u [rad]; NaN where it is unclear."""
-    x, y = body["displacement_x"].values, body["displacement_y"].values
-    away, noise = np.hypot(x, y), np.hypot(body["u_displacement_x"].values, body["u_displacement_y"].values)
+    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
+    away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
     far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))
     if far.size < 4 or np.nanmax(away) < _CLEAR * np.nanmedian(noise):
         return math.nan, math.nan

@@ -47,9 +47,9 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
         mass, scatter, _ = weighted_mean(each, each * relative)
         under = contact.Plate(mass, frequency, zeta)
     shared = np.hypot(table.attrs["u_systematic_relative"], settings.sphere.mass.u / settings.sphere.mass.value) * mass
-    full = np.full((2, table.sizes["series"]), np.nan)
-    full[:, places] = each, each * relative
-    of_each = with_u("modal_mass", "series", *full, "kg", "modal mass by each of the drops")
+    by_drop, u = np.full((2, table.sizes["series"]), np.nan)
+    by_drop[places], u[places] = each, each * relative
+    of_each = with_u("modal_mass", "series", by_drop, u, "kg", "modal mass by each of the drops")
     made = made.assign(with_u("mass", (), mass, float(np.hypot(scatter, shared)), "kg", "modal mass") | of_each)
     return made.assign_attrs(work=json.dumps({"simulated_impacts": _ROUNDS * len(known)}))
 

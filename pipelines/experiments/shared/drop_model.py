@@ -89,7 +89,7 @@ def simulated_drop(
     for name, one in (inputs | {f"{OF_PLATE}{name}": one for name, one in floor.items()}).items():
         by = max(one.u, _LEAST_CHANGE * one.value)  # one without an uncertainty may be stated wrongly as well
         part = name.removeprefix(OF_PLATE)
-        changes[name] = one, by, one.value + by if part == name else replace(under, **{part: one.value + by})
+        changes[name] = one, by, replace(under, **{part: one.value + by}) if under and part != name else one.value + by
     solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
     # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
     flats = {name: (one, one.value, None) for name, one in modulus_of(settings.counter_body).items()}
@@ -192,17 +192,14 @@ def linear_range_rows(model: xr.Dataset) -> list[tuple[str, str, str]]:
     remark = "no yield stress of this material is known"
     if "onset" in known:
         limit, fall = value_with_uncertainty(known["onset"], known["u_onset"], "Pa"), quantity(known["fall"], "m", 2)
+        likely = "probably " * (abs(known["pressure"] - known["onset"]) < 2.0 * known["u_onset"])
+        which = "the first impact" if known["beyond"] == 1 else f"the first {known['beyond']} impacts"
+        ends = f"ends in {which}, and the model leaves out the losses by yield" if known["beyond"] else "holds"
         remark = f"{known['material']} begins to yield at 1.6 Y = {limit} (at {known['rate']:.2g} 1/s), from a fall of "
-        remark += f"some {fall} on: "
-        likely = "probably " if abs(known["pressure"] - known["onset"]) < 2.0 * known["u_onset"] else ""
-        if count := known["beyond"]:
-            which = "the first impact" if count == 1 else f"the first {count} impacts"
-            remark += f"linear viscoelasticity {likely}ends in {which}, and the model leaves out the losses by yield"
-        else:
-            remark += f"linear viscoelasticity {likely}holds"
+        remark += f"some {fall} on: linear viscoelasticity {likely}{ends}"
     of_sweeps = "the strain of the sweeps is not known"
     if (sweeps := known["sweeps"]) is not None:
-        beyond = "; that the moduli are linear beyond is assumed" if sweeps < known["strain"] else ""
+        beyond = "; that the moduli are linear beyond is assumed" * (sweeps < known["strain"])
         of_sweeps = f"the sweeps went up to {100.0 * sweeps:.2g} %{beyond}"
     pressure, strain = quantity(known["pressure"], "Pa", 3), f"{100.0 * known['strain']:.2g} %"
     return [("largest pressure", pressure, remark), ("mean strain, 0.2 a/R", strain, of_sweeps)]
