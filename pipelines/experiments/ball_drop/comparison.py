@@ -126,11 +126,6 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
         gravity, title = settings.model.gravity, "acceleration of the free fall"
         gap = (seen - gravity.value, np.hypot(u, gravity.u))
         yield row(title, "m/s2", n, slopes={SCALE: seen}, measured=(seen, u), model=tuple(gravity[:2]), difference=gap)
-    yield from _of_impacts(comparison, repeats, model)
-
-
-def _of_impacts(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
-    """Yield the rows of the first impacts: title, variable of the repeats, variable of the model, impact."""
     numbers = range(min(IMPACTS, comparison.sizes["impact"]))
     shown = [
         (f"{title}{i + 1}", name, name, i)
