@@ -8,11 +8,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, fitted_errors, in_words, not_made, stated, too_large
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, record_checks
-from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of
 from pipelines.experiments.shared.record_checks import Trace
