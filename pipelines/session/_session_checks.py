@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
+from labpipe.workflow.fields import every_setting
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.experiments.shared.exact_values import exact_values
@@ -34,7 +34,6 @@ _APART, _SAME = 4.0, 2.0
 """Standard uncertainties between two values of one thing that differ, and within which they are one."""
 _EXACT = 1e-4  # relative uncertainty of a value that is stated without one
 _SLIP = 0.01  # tolerance of the logarithm of a ratio that is a typing error's factor
-_UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
 _NEAR, _SEVERAL = 0.1, 3
 """Relative difference of a value that is nearly that of others, and the fewest others that make a value usual."""
 _CONDITIONS, _DECIMAL = ("height", "temperature", "T_ref"), 10.0
@@ -326,26 +325,19 @@ def _material_names(session: Session) -> _Owned:
             yield e.name, _finding("name of the material", text, cause, setting=setting)
 
 
-def _quantities(session: Session) -> _Owned:
-    """Find uncertainties that say that nothing is known of a positive quantity, and kelvin under degrees."""
+def _temperatures(session: Session) -> _Owned:
+    """Find kelvin under degrees; a reference is held against the temperatures that were measured, by its kind."""
     for e in session.experiments.values():
-        for setting, value, kind in every_setting(e.settings):
-            if not isinstance(value, Quantity):
+        for setting, value, _ in every_setting(e.settings):
+            if not isinstance(value, Quantity) or value.si != "degC" or setting.rpartition(".")[2] == "T_ref":
                 continue
-            name, number = setting.rpartition(".")[2].replace("_", " "), value.value
-            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
-            if is_positive and value.u > _UNKNOWN * number:
-                u = _written(value._replace(value=value.u))
-                text = f"the {name} is {_written(value)} with a standard uncertainty of {u}"
-                cause = "the unit or the decimal point of the uncertainty is wrong"
-                yield e.name, _finding("stated uncertainty", text, cause, setting=setting)
-            # a reference is held against the temperatures that were measured, by its kind
-            if value.si == "degC" and name != "T ref" and (number < -150.0 or 250.0 <= number <= 400.0):
+            number = value.value
+            if number < -150.0 or 250.0 <= number <= 400.0:
                 meant = f"{number:g} K = {number - _KELVIN:.4g} °C" if number > 0.0 else f"{number + _KELVIN:.4g} °C"
                 text, cause = f"{setting} is {number:.4g} °C", f"{meant} is meant: its unit is wrong"
                 yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 
-_CHECKS = (_twice, _bodies, _mistyped, _material_names, _quantities)
-SESSION_CHECKS = len(_CHECKS) + 2
-"""Number of checks of a session as a whole: the last of the functions makes two, and unused files are one more."""
+_CHECKS = (_twice, _bodies, _mistyped, _material_names, _temperatures)
+SESSION_CHECKS = len(_CHECKS) + 1
+"""Number of checks of a session as a whole; unused files are one more."""

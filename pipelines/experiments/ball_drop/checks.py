@@ -69,9 +69,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         dict(zip(settings.laser, found or repeat(None), strict=False)) for found in (readings, displacement, bounces)
     )
     of_traces, checks = record_checks.of_recordings(read, moved, bounced, settings, context, _FAILED)
-    values = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
-    checks += [*of_traces, *judgements.uncertainties_stated(values)]
-    checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
+    checks += [*of_traces, fall_checks.body_stated(sphere.radius.value, sphere.mass.value)]
     records = [
         (Fall(name, found, float(one.attrs["u_systematic_relative"])), one)
         for name, one in moved.items()

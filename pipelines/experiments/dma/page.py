@@ -54,7 +54,6 @@ _CRITERIA = {"T_peak": "maximum of tan δ", "T_drop": "steepest fall of E′"}
 
 
 def _summary(
-    context: Context,
     sweeps: xr.Dataset | None = None,
     master_curve: xr.Dataset | None = None,
     temperature_sweep: xr.Dataset | None = None,
@@ -85,7 +84,7 @@ def _summary(
         ]
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
     rows += [] if master_curve is None else [_by_shifts(master_curve)]
-    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows)))
+    return Section("Summary", [KeyValues(rows)] if rows else [])
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:

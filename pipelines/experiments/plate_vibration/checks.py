@@ -75,12 +75,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     body = settings.sphere
     of_traces, checks = record_checks.of_recordings(read, moved, {}, settings, context, _FAILED)
     checks += of_traces
-    asked = [(f"drops[{i}].height", drops.height) for i, drops in enumerate(settings.drops)]
-    asked += [] if body is None else [("sphere.radius", body.radius), ("sphere.mass", body.mass)]
-    statements = list(judgements.uncertainties_stated(asked))
-    if body is not None:
-        statements.append(fall_checks.body_stated(body.radius.value, body.mass.value))
-    checks += statements
+    of_body = not_made("mass of the falling body", "a sphere with its mass")
+    of_body = of_body if body is None else fall_checks.body_stated(body.radius.value, body.mass.value)
+    checks.append(of_body)
     # what repeats share is taken out: their scatter alone is asked
     rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
     checks += fall_checks.repeats_agree(list(rings.values()), _OF_ONE_PLATE, _ANOTHER_PLATE)
@@ -95,8 +92,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
         shared = {SERIES.format(i + 1): Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
         inputs = {HEIGHT.format(drops_label(drops)): drops.height for drops in settings.drops}
     # of a body that cannot be, no blow tells which height is wrong
-    is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
-    causes = list(_causes(table, plate, settings)) if is_body else []
+    causes = [] if of_body.level else list(_causes(table, plate, settings))
     if not explain(checks, causes):
         checks = [
             replace(c, cause=_STATED) if c.name.startswith(_MOMENTUM_OF) and c.level and not c.cause else c

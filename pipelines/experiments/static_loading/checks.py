@@ -53,8 +53,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
         checks.append(not_made("readings", "readings of a length"))
     else:
         checks += [of(trace) for of in (record_checks.unread, record_checks.repeated_rows, record_checks.resolution)]
-    masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
-    checks += judgements.uncertainties_stated([("sphere.radius", settings.sphere.radius), *masses])
     checks += record_checks.of_record({settings.laser: displacement}, settings.calibration)
     checks += given.each((_unstated, _misfit, _of_material))
     relative = 0.0 if displacement is None else float(displacement.attrs["u_systematic_relative"])

@@ -18,6 +18,7 @@ from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS
 from pipelines.experiments.shared.judgements._scene import Basis, Scene, Titles, entitled, laws
 from pipelines.experiments.shared.judgements._suspects import Compared, explanations, undecided_by
+from pipelines.experiments.shared.judgements._usual import uncertainties_stated
 
 
 def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset:
@@ -111,9 +112,10 @@ def judging(
             known = dict(zip((*names, *rests_on), results, strict=False)) | {"others": others}
             basis = Basis.of([known.pop(field, None) for field in rests_on])
             known |= {} if basis.is_sound else dict.fromkeys(expected)
-            found = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
+            found: Scene = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
             stated = [(place, value) for place, value, _ in every_setting(settings) if isinstance(value, Quantity)]
-            made = judgement(found._replace(stated=stated), titles)
+            found = found._replace(checks=[*found.checks, *uncertainties_stated(settings)], stated=stated)
+            made = judgement(found, titles)
             return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
 
         vars(judged)["inputs"] = (*names, *rests_on)
