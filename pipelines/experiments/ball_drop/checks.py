@@ -91,7 +91,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         ]
         for wrong in of_traces:  # lost rows explain their effects
             if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-                found = judgements.because(found, wrong.cause, *(c.name for c in found), file=fall.name)
+                others = (c.name for c in found if c.name != fall_checks.DURATION)  # no contact lasts longer by a row
+                found = judgements.because(found, wrong.cause, *others, file=fall.name)
         of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
@@ -100,6 +101,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         replace(c, cause=_OTHERWISE.get(c.name, "")) if c.level and not c.cause and c.name not in named else c
         for c in checks
     ]
+    if any(c.name == HEIGHT and c.is_made and not c.level for c in checks):  # the other repeats fall as far as stated
+        wrong = _OTHERWISE[HEIGHT]
+        checks = [
+            replace(c, cause=_OF_ANOTHER, file=c.recording, setting="") if c.name == HEIGHT and c.cause == wrong else c
+            for c in checks
+        ]
     compared, inputs = given.each([rows]), inputs_of(model)
     if inputs:
         inputs[SCALE] = Quantity(1.0, 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"]), "1")
@@ -128,7 +135,9 @@ def _of_their_files(
         return [check for found in of_falls for check in found]
     everything: list[Check] = []
     for found, (fall, moved) in zip(of_falls, records, strict=True):
-        causes = _causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)])
+        causes = list(_causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)]))
+        scaled = judgements.wrong_lengths(f"the gain or display factor of {fall.name} is not that of the other repeats")
+        causes.append(Cause({G: 1.0, HEIGHT: 1.0}, scaled, file=fall.name))
         everything += with_causes(found, explain(found, [c for c in causes if c.file == fall.name]))
     return everything
 
@@ -184,7 +193,9 @@ def _causes(
     # Hertz: t ~ m^0.4 R^-0.2 E^-0.4
     mass = judgements.stated_wrongly({lasts: -0.4}, "the moving mass", sphere.mass, "sphere.mass", "mass")
     radius = judgements.stated_wrongly({lasts: 0.2}, "the radius", sphere.radius, "sphere.radius", "size")
-    yield from (replace(typed, only_usual=True) for typed in (mass, radius))
+    # of a radius by which the sphere would weigh more than all that falls
+    light = (k for k in radius.usual if not fall_checks.body_stated(sphere.radius.value / k, sphere.mass.value).level)
+    yield from (replace(typed, only_usual=True) for typed in (mass, replace(radius, usual=tuple(light))) if typed.usual)
 
     def of_material(k: float) -> str:
         text = f"the sphere's material is about {in_words(1 / k, 2)} times as stiff as stated, of another material then"

@@ -29,7 +29,7 @@ _FLAT = 6  # equal readings in a row that a moving body does not give
 _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
 _QUIET = 200  # readings at the beginning that should be at rest
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a note, doubtful, impossible
-_BLOCK = 48  # readings that do not repeat by chance
+_BLOCK = 48  # readings that do not repeat by chance; half of them where noise exceeds the resolution
 _WINDOW = 24  # readings in which a lost or doubled one is looked for
 
 SINGLE_ROWS = "lost or doubled rows"
@@ -114,14 +114,19 @@ class Trace:
         return float(quantisation_step(x)) if x.size and np.ptp(x) > 0.0 else 0.0
 
     @cached_property
+    def block(self) -> int:
+        """Number of readings that do not repeat by chance."""
+        return _BLOCK // 2 if self.noise > self.resolution else _BLOCK
+
+    @cached_property
     def stretches(self) -> tuple[Integers, Integers]:
         """Places and digests of the stretches of readings, but for their zero, that do not come twice by chance."""
-        if self.reading.size < 3 * _BLOCK or self.resolution == 0.0:
+        if self.reading.size < 3 * self.block or self.resolution == 0.0:
             return np.empty(0, int), np.empty(0, int)
         steps = np.round(np.nan_to_num(np.diff(self.reading)) / self.resolution).astype(np.int64)
-        places = np.flatnonzero(np.convolve(steps != 0, np.ones(_BLOCK), "valid") >= _BLOCK / 2)
-        windows = np.lib.stride_tricks.sliding_window_view(steps, _BLOCK)
-        return places, (windows @ np.random.default_rng(0).integers(1, 2**62, _BLOCK))[places]
+        places = np.flatnonzero(np.convolve(steps != 0, np.ones(self.block), "valid") >= self.block / 2)
+        windows = np.lib.stride_tricks.sliding_window_view(steps, self.block)
+        return places, (windows @ np.random.default_rng(0).integers(1, 2**62, self.block))[places]
 
     def at(self, index: int) -> str:
         """Write the time of a reading."""
@@ -152,7 +157,10 @@ def of_recordings(
             results = [result for result in (moved.get(name), bounced.get(name)) if result is not None]
             line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
             found += of_readings(trace, settings.model.gravity.value, line, traces[:-1])
-    others = [placed(check, record, check.file) for check in failed_steps(context, failed)]
+    # what is wrong in a file explains the step that fails on it
+    specific = {check.file: check.cause for check in reversed(found) if check.level not in (None, "note")}
+    steps = (placed(check, record, check.file) for check in failed_steps(context, failed))
+    others = [replace(check, cause=specific.get(check.file, check.cause)) for check in steps]
     return found, [*others, *of_record(moved, record)]
 
 
@@ -277,13 +285,13 @@ def repeated_rows(trace: Trace, others: Sequence[Trace] = ()) -> Check:
     """Look for readings that come twice in a record, or are those of another one, digit by digit but for their zero."""
     name, (places, digests) = "rows that come twice", trace.stretches
     if not places.size:
-        return not_made(name, f"{3 * _BLOCK} readings that differ")
+        return not_made(name, f"{3 * trace.block} readings that differ")
     _, first, inverse = np.unique(digests, return_index=True, return_inverse=True)
     original = places[first[inverse]]
-    twice = np.flatnonzero(places - original >= _BLOCK)
+    twice = np.flatnonzero(places - original >= trace.block)
     if twice.size:
         second, begin = trace.at(int(places[twice[0]])), trace.at(int(original[twice[0]]))
-        text = f"{twice.size + _BLOCK} readings from {second} come twice, digit by digit those from {begin}"
+        text = f"{twice.size + trace.block} readings from {second} come twice, digit by digit those from {begin}"
         cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
         return trace.seen(name, text, "impossible", cause)
     for other in others:
@@ -318,7 +326,10 @@ def _steady_noise(trace: Trace) -> Check:
         f"noise of {quantity(sizes[low], 'm')} in part {low + 1} of 5, {quantity(sizes[high], 'm')} in part {high + 1}"
     )
     cause = "light, surface, gain or averaging of the sensor changed while it recorded"
-    return trace.seen(name, text, "note" if sizes[high] > 3.0 * sizes[low] else None, cause)
+    level: Level | None = (
+        "doubtful" if sizes[high] > 10.0 * sizes[low] else "note" if sizes[high] > 3.0 * sizes[low] else None
+    )
+    return trace.seen(name, text, level, cause)
 
 
 def _beginning(trace: Trace, gravity: float) -> Check:

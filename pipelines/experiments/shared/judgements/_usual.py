@@ -31,7 +31,7 @@ _USUAL = {
     "readings": _NOT_READ,
     errors.NO_FILM: "the folder is not that of the film, or its images are of a format that is not read",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
-    "of a camera, or a value of it is wrong",
+    "of a camera, or a value of it is wrong; or the clock of the instrument was reset",
 }
 """Most likely fault of a record, by the reason of the error or the step that fails, of many kinds."""
 _SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
