@@ -25,7 +25,7 @@ from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
+_SMEARED = "the controller averages or filters the readings over the time of a contact, which smears an impact"
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
@@ -89,10 +89,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
             fall_checks.rest_level(fall),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
         ]
-        for wrong in of_traces:  # lost rows explain their effects
+        for wrong in of_traces:  # lost rows explain their effects, but no contact that lasts longer
             if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-                others = (c.name for c in found if c.name != fall_checks.DURATION)  # no contact lasts longer by a row
-                found = judgements.because(found, wrong.cause, *others, file=fall.name)
+                is_long = any(c.name == fall_checks.DURATION and c.level and c.log_ratio > 0.0 for c in found)
+                cause = _SMEARED if is_long else wrong.cause
+                found = judgements.because(found, cause, *(c.name for c in found), file=fall.name)
         of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
@@ -198,7 +199,7 @@ def _causes(
     yield from (replace(typed, only_usual=True) for typed in (mass, replace(radius, usual=tuple(light))) if typed.usual)
 
     def of_material(k: float) -> str:
-        text = f"the sphere's material is about {in_words(1 / k, 2)} times as stiff as stated, of another material then"
-        return text + _FILTERED * (k > 1.0)
+        text = f"the sphere is about {in_words(1 / k, 2)} times as stiff as stated: of another material or temperature"
+        return text + f"; or {_SMEARED}" * (k > 1.0)
 
     yield Cause({lasts: 0.4}, of_material, setting="sphere")

@@ -25,6 +25,8 @@ _SPECIMENS = 3.0  # factor between moduli of two specimens of one polymer, by cl
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
 _SAME = 4.0  # K within which two sweeps have one temperature
 _DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
+_MISTYPED = 0.1  # of the logarithm of a loss factor, beyond rounding to two digits
+_PLACE = (("temperature", "degC"), ("frequency", "Hz"))
 _EXCHANGED = "the columns of storage and loss modulus are exchanged"
 _FAILED = {
     "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
@@ -141,7 +143,14 @@ def _moduli(export: Export) -> Iterator[Check]:
         cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_power_of_ten(float(np.exp(middle)))}"
         if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
             cause = _EXCHANGED
-        yield export.seen(name, text, "impossible" if abs(middle) > 0.05 else None, cause)
+        level = "impossible" if abs(middle) > 0.05 else None
+        apart = np.abs(np.log(given / ratio))
+        at = int(np.argmax(apart))
+        if level is None and apart[at] > _MISTYPED:
+            place = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
+            text = f"{file}, {' and '.join(place)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
+            level, cause = "doubtful", "storage modulus, loss modulus or loss factor of this row is mistyped"
+        yield export.seen(name, text, level, cause)
     else:
         yield not_made(name, "a column of the loss factor, and positive moduli")
 
@@ -210,6 +219,11 @@ def _single_values(export: Export) -> Check:
             worst, where = float(gap[at]), f"{sweep.attrs['place']}, {frequency}: the {column.replace('_', ' ')}"
     if not export.sweeps:
         return not_made(name, "isothermal sweeps")
+    for sweep in export.sweeps:
+        y = np.log10(np.maximum(sweep["storage_modulus"].values, 1.0))
+        if y.size >= 4 and (np.diff(y) < 0.0).all() and y[0] - y[-1] > 4 * _DRIFT:
+            text = f"{sweep.attrs['place']}: the storage modulus falls as the frequency rises, which no solid does"
+            return export.seen(name, text, "impossible", "frequencies or moduli of this sweep are in reverse order")
     if not where:
         return export.seen(name, f"{export.name}: no value beyond its neighbours")
     text = f"{where} is a factor {_power_of_ten(10.0**worst)} from its neighbours in frequency"

@@ -157,10 +157,7 @@ def of_recordings(
             results = [result for result in (moved.get(name), bounced.get(name)) if result is not None]
             line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
             found += of_readings(trace, settings.model.gravity.value, line, traces[:-1])
-    # what is wrong in a file explains the step that fails on it
-    specific = {check.file: check.cause for check in reversed(found) if check.level not in (None, "note")}
-    steps = (placed(check, record, check.file) for check in failed_steps(context, failed))
-    others = [replace(check, cause=specific.get(check.file, check.cause)) for check in steps]
+    others = [placed(check, record, check.file) for check in failed_steps(context, failed)]
     return found, [*others, *of_record(moved, record)]
 
 
