@@ -48,6 +48,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     readings, displacement = given.get("readings"), given.get("displacement")
     failed = judgements.failed_steps(context, _FAILED)
     checks = [record_checks.placed(check, settings.calibration, settings.laser) for check in failed]
+    checks = [_mistimed(check, displacement, settings) for check in checks]
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
         checks.append(not_made("readings", "readings of a length"))
@@ -67,6 +68,19 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     } | inputs_of(given.get("model"))
     known_by = judgements.measured_by(settings.sphere)
     return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
+
+
+def _mistimed(failed: Check, displacement: xr.Dataset | None, settings: StaticLoading) -> Check:
+    """Give steps that were not found the one load whose time is wrong, where as many are seen as stated."""
+    times = [np.nan if load.time is None else load.time.value for load in settings.loads[1:]]
+    at = np.empty(0) if displacement is None else clear_steps(displacement)[0]
+    off = np.flatnonzero(np.abs(at - times) > settings.steps.search.value) if at.size == len(times) else at
+    if failed.name != "step steps" or off.size != 1:
+        return failed
+    i = int(off[0])
+    right, given = (quantity(each, "s", 4) for each in (at[i], times[i]))
+    cause = f"the time of load {i + 2} is probably {right}, not {given}: all others fit the record"
+    return replace(failed, cause=cause, file="", setting=f"loads[{i + 1}].time")
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
