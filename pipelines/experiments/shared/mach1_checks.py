@@ -37,7 +37,7 @@ _TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of t
 _CAPACITY, _SCALE, _DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
 _SATURATION, _RATIO, _RESPONSE = "saturation of the cell", "force for the named material", "response of the cell"
 _SWAPPED, ALIGNMENT = "order of the columns", "lateral force"
-_OUTLIERS, _PUNCH = "outliers", "size of the punch"
+_OUTLIERS, _LOST, _PUNCH = "outliers", "lost rows", "size of the punch"
 
 TITLES = {
     "columns": Title(
@@ -55,7 +55,7 @@ TITLES = {
     "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
     "punch": Title("The stated punch can be pressed in so far.", (_PUNCH,)),
     "contact modulus": Title("The force is that of the model for the named material.", (_RATIO,)),
-    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS,)),
+    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS, _LOST)),
 }
 _NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
 _FAILED = {
@@ -151,7 +151,14 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     if order.level is not None:
         return [order]
     found = [order, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks)]
-    return [*found, *_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks), _left_out(blocks)]
+    return [
+        *found,
+        *_alignment(blocks),
+        _saturation(blocks),
+        _capacity_of_cell(blocks),
+        _left_out(blocks),
+        _lost(blocks),
+    ]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:
@@ -301,6 +308,23 @@ def _left_out(blocks: Sequence[Part]) -> Check:
     level: Level = "doubtful" if count > _MANY * part.force.size else "note"
     cause = f"a disturbance, or a value that was edited, in line {line}"
     return stated(_OUTLIERS, text, level, cause=cause, file=part.file, line=line)
+
+
+def _lost(blocks: Sequence[Part]) -> Check:
+    """Look for a step of the position in an oscillation that no speed of the stage explains."""
+    found = []
+    for part in (part for part in blocks if part.function == OSCILLATION):
+        steps = np.abs(np.diff(part.position))
+        at, usual = int(np.nanargmax(steps)), float(np.nanquantile(steps, 0.99))
+        found.append((float(steps[at]) / usual if usual > 0.0 else 1.0, part, at))
+    if not found:
+        return not_made(_LOST, "an oscillation")
+    times, part, at = max(found, key=lambda one: one[0])
+    text = f"{part}: the largest step of the position is {in_words(times, 2)} times the usual, in line "
+    text += f"{part.row_line(at + 1)}"
+    cause = "rows were lost there when the file was written or copied, and the times of the others renewed"
+    level: Level | None = "doubtful" if times > 2.0 else None
+    return stated(_LOST, text, level, cause=cause, file=part.file, line=part.row_line(at + 1) if level else None)
 
 
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
