@@ -31,6 +31,7 @@ beginnings; noise changes them by more."""
 _MOSTLY = 0.5  # of the frames that have no value for one reason
 _GROWS, _IN_NOISE = 2e-3, 10.0
 """Least relative jump of the image's size, and the same in standard deviations of noise."""
+_STAYS = 5  # frames for which a size that has changed remains
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
 _MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
@@ -129,10 +130,13 @@ def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | No
 def _steady(track: xr.Dataset, film: str) -> Check:
     """Look for a size of the holder's image that jumps between two frames, which shifts the image too."""
     body = track.isel(point=0)
-    grown = np.diff(0.5 * (body["stretch_x"].values + body["stretch_y"].values))
+    size = 0.5 * (body["stretch_x"].values + body["stretch_y"].values)
+    grown = np.diff(size)
     noise = 1.4826 * float(np.nanmedian(np.abs(grown))) if np.isfinite(grown).any() else 0.0
     at = int(np.argmax(np.abs(np.nan_to_num(grown))))
-    if not abs(grown[at]) > max(_IN_NOISE * noise, _GROWS):
+    # a view that has changed stays so, a frame that is blurred does not
+    stays = np.nanmedian(size[at + 1 : at + 1 + _STAYS]) - np.nanmedian(size[max(at + 1 - _STAYS, 0) : at + 1])
+    if not min(abs(grown[at]), abs(stays)) > max(_IN_NOISE * noise, _GROWS):
         return stated(SIZE, f"{film}: the size of the image does not jump", None, file=film)
     how, when = "grows" if grown[at] > 0.0 else "shrinks", quantity(float(body["time"][at + 1]), "s")
     text = f"{film}: the holder's image {how} by {100 * abs(grown[at]):.2f} % between two frames at {when}"
