@@ -17,7 +17,7 @@ from labpipe.signals._derivative import checked_record
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import LABELS, OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import Colour, corner_in_flight, excess_of_rate
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight, u_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -188,7 +188,7 @@ def _followed(time: Floats, values: Floats, sigma: float) -> _Motion:
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, u_level, (speed, u_speed)))
+    u_speed = u_of_rate(values, sigma, u_level, (speed, u_speed))
     speed *= direction
     return _Motion(fit, direction, speed, u_speed, find_turns(time, speed, u_speed))
 

@@ -19,7 +19,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
 from labpipe.signals._noise import Noise, estimate_noise
-from labpipe.signals._noise_spectrum import excess_of_rate
+from labpipe.signals._noise_spectrum import u_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing_spline import evaluate, smooth
@@ -196,8 +196,8 @@ def _spline(
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
     fit = smooth(t[kept], y[kept], sigma, *cuts)
     (_, u_level), (v, u) = evaluate(fit, t, 0, 1)
-    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], sigma, u_level[kept], (v[kept], u[kept])))
-    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": fit.n_updates}
+    u[kept] = u_of_rate(y[kept], sigma, u_level[kept], (v[kept], u[kept]))
+    counts = {"samples": len(t), "coefficients": fit.n_coefficients, "band_solves": fit.n_updates}
     return v, u, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 
 

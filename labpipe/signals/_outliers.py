@@ -113,7 +113,8 @@ def _above(away: Floats, sigma: float) -> Indices:
     for some in np.array_split(places, places.size // 4096 + 1):
         near = np.abs(some[:, None] + np.arange(-2 * _NEIGHBOURS, 2 * _NEIGHBOURS + 1))
         near = np.clip(away.size - 1 - np.abs(away.size - 1 - near), 0, None)  # mirrored at both ends
-        found.append(some[away[some] > _THRESHOLD * np.median(away[near], axis=1)])
+        # further than that times the median: than that times more than half of them
+        found.append(some[np.sum(away[some, None] > _THRESHOLD * away[near], axis=1) > 2 * _NEIGHBOURS])
     return np.concatenate(found)
 
 

@@ -1,4 +1,4 @@
-"""The compiled loops of the smoothing spline: moments of the samples, the penalised fit, polynomials.
+"""The compiled loops of the smoothing spline: distance of knots, moments of the samples, penalised fit, polynomials.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle. Samples enter by their
 moments there; all else is one band of the normal matrix. The variance of a spline needs only the inverse inside the
@@ -19,7 +19,40 @@ _FAST = {"reassoc", "contract", "nsz"}
 _POOL = 6  # intervals on either side that share their estimate of the penalty
 _SHARED = 2.0  # weight, in effective parameters, of all intervals of the same length
 _UPDATES, _SETTLED = 10, 0.2  # updates of the penalty at most, and the change of its logarithm that ends them
+LEAF = 4  # samples over which the distance of knots is the same
+_CLOSEST = 2.0  # samples between knots
+_SLOPE = 0.1  # by which the distance of knots may grow with that from closer ones
 Indices = NDArray[np.int64]
+
+
+@lean()
+def distances(z: Floats) -> Floats:
+    """Return the distance of knots, in samples, for every leaf of samples ``z`` (n,) with a noise of 1.
+
+    Means over L samples have fourth differences that no white noise reaches, where L is the scale of the curve: five
+    such means then hold eight knots.
+    """
+    n = z.size
+    found, total = np.full(-(-n // LEAF), max(n / 10.0, _CLOSEST)), np.zeros(n + 1)
+    for i in range(n):
+        total[i + 1] = total[i] + z[i]
+    # White noise exceeds it in one record of a hundred: fourth differences of means have a variance of 70, and the
+    # probability of t deviations is below exp(-t^2 / 2) in each of n differences.
+    limit = math.sqrt(70.0 * 2.0 * math.log(100.0 * n))
+    for octave in range(int(math.log2(n / 5.0)), 1, -1):
+        size, done = 2**octave, 0
+        for i in range(0, n + 1 - 5 * size, size // 2):
+            a, b, c, d, e, f = total[i : i + 5 * size + 1 : size]
+            if abs(f - a - 5.0 * (e - b) + 10.0 * (d - c)) > limit * math.sqrt(size):
+                end = (i + 5 * size + LEAF - 1) // LEAF
+                found[max(i // LEAF, done) : end] = 0.625 * size
+                done = end
+    # A long stretch that ends just inside a short one would otherwise bring its coarse knots there.
+    for i in range(1, found.size):
+        found[i] = min(found[i], found[i - 1] + _SLOPE * LEAF)
+    for i in range(found.size - 2, -1, -1):
+        found[i] = min(found[i], found[i + 1] + _SLOPE * LEAF)
+    return found
 
 
 @lean()
@@ -75,35 +108,74 @@ def expanded(knots: Floats, first: Indices, length: Floats) -> Floats:
 
 
 @lean(fastmath=_FAST)
-def moments(place: Floats, z: Floats, ends: Indices) -> tuple[Floats, Floats]:
-    """Return sums of the powers 0 to 10 of places (n,), and of samples ``z`` times powers 0 to 5, by intervals.
+def moments(x: Floats, z: Floats, breaks: Floats) -> tuple[Floats, Floats]:
+    """Return, by intervals between ``breaks``, sums of the powers 0 to 10 of places and of ``z`` times powers 0 to 5.
 
-    ``ends`` (interval + 1,) are the first samples of each.
+    ``x`` (n,) increases; a place is the distance from the middle over the length of the interval.
     """
-    powers, products = np.zeros((ends.size - 1, 2 * DEGREE + 1)), np.zeros((ends.size - 1, DEGREE + 1))
-    for s in range(ends.size - 1):
-        u, y = place[ends[s] : ends[s + 1]], z[ends[s] : ends[s + 1]]
-        for n in range(u.size):
-            power = 1.0
-            for k in range(2 * DEGREE + 1):
-                powers[s, k] += power
-                if k <= DEGREE:
-                    products[s, k] += power * y[n]
-                power *= u[n]
+    powers, products = np.zeros((breaks.size - 1, 2 * DEGREE + 1)), np.zeros((breaks.size - 1, DEGREE + 1))
+    stop = 0
+    for s in range(breaks.size - 1):
+        middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
+        while stop < x.size and (x[stop] < breaks[s + 1] or s == breaks.size - 2):
+            stop += 1
+        for k in range(DEGREE + 1):
+            low = high = mixed = 0.0
+            for n in range(begin, stop):
+                place = (x[n] - middle) * over
+                power = place**k
+                low, high, mixed = low + power, high + power * place**DEGREE, mixed + power * z[n]
+            powers[s, k], powers[s, k + DEGREE], products[s, k] = low, high, mixed
     return powers, products
 
 
 @lean(fastmath=_FAST)
-def followed(coefficients: Floats, place: Floats, ends: Indices) -> Floats:
-    """Return the values (n,) of polynomials (interval, power) at places (n,)."""
-    value, last = np.empty(place.size), coefficients.shape[1] - 1
-    for s in range(ends.size - 1):
-        u, found = place[ends[s] : ends[s + 1]], value[ends[s] : ends[s + 1]]
-        found[:] = coefficients[s, last]
-        for q in range(last - 1, -1, -1):
-            for n in range(found.size):
-                found[n] = found[n] * u[n] + coefficients[s, q]
-    return value
+def polynomials(basis: Floats, first: Indices, coefficients: Floats, band: Floats) -> tuple[Floats, Floats]:
+    """Return the factors (interval, 6) of a spline's polynomials and their covariance (interval, 6, 6).
+
+    ``basis`` and ``first`` belong to :func:`expanded`; ``band`` is that of the covariance of ``coefficients``.
+    """
+    factors, covariance, row = np.zeros(basis.shape[:2]), np.zeros(basis.shape), np.empty(DEGREE + 1)
+    for s in range(first.size):
+        b, c, active = basis[s], band[first[s] : first[s] + DEGREE + 1], coefficients[first[s] :]
+        for p in range(DEGREE + 1):
+            for i in range(DEGREE + 1):
+                factors[s, p] += b[p, i] * active[i]
+                row[i] = 0.0
+                for j in range(DEGREE + 1):
+                    row[i] += b[p, j] * c[min(i, j), abs(i - j)]
+            for q in range(DEGREE + 1):
+                for i in range(DEGREE + 1):
+                    covariance[s, p, q] += row[i] * b[q, i]
+    return factors, covariance
+
+
+@lean(fastmath=_FAST)
+def followed(factors: Floats, covariance: Floats, breaks: Floats, x: Floats, derivative: int) -> tuple[Floats, Floats]:
+    """Return a derivative of :func:`polynomials` between ``breaks`` at increasing ``x`` (n,), and its uncertainty."""
+    value, u, stop = np.empty(x.size), np.empty(x.size), 0
+    falling, mean, variance = np.ones(DEGREE + 1), np.zeros(DEGREE + 1), np.zeros(2 * DEGREE + 1)
+    for p in range(DEGREE + 1):
+        for d in range(derivative):
+            falling[p] *= p - d
+    for s in range(breaks.size - 1):
+        middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
+        while stop < x.size and (x[stop] < breaks[s + 1] or s == breaks.size - 2):
+            stop += 1
+        factor, variance[:] = over**derivative, 0.0
+        for p in range(derivative, DEGREE + 1):
+            mean[p - derivative] = factor * falling[p] * factors[s, p]
+            for q in range(derivative, DEGREE + 1):
+                variance[p + q - 2 * derivative] += factor**2 * falling[p] * falling[q] * covariance[s, p, q]
+        for n in range(begin, stop):
+            place = min(max((x[n] - middle) * over, -0.5), 0.5)  # the ends continue
+            found, square = mean[DEGREE], variance[2 * DEGREE]
+            for k in range(DEGREE - 1, -1, -1):
+                found = found * place + mean[k]
+            for k in range(2 * DEGREE - 1, -1, -1):
+                square = square * place + variance[k]
+            value[n], u[n] = found, math.sqrt(max(square, 0.0))
+    return value, u
 
 
 @lean(fastmath=_FAST)

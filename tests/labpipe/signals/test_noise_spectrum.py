@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._noise_spectrum import excess_of_rate
+from labpipe.signals._noise_spectrum import u_of_rate
 from labpipe.signals._smoothing_spline import evaluate, smooth
 
 _INTERVAL = 5e-5
@@ -25,7 +25,7 @@ def test_rate_of_a_spline_is_uncertain_by_noise_of_any_spectrum(corner, hum):
         noise = flicker(np.random.default_rng(seed), 4 * time.size, 1.0, corner)[: time.size]
         values = fallen + noise + hum * np.sin(2 * np.pi * 50.0 * time + seed)
         level, rate = evaluate(smooth(time, values, 1.0), time, 0, 1)
-        u = np.hypot(rate[1], excess_of_rate(values, 1.0, level[1], rate))
+        u = u_of_rate(values, 1.0, level[1], rate)
         off = (rate[0] + 9.8e6 * np.maximum(time - 0.1, 0.0)) / u
         z.append(off[np.abs(time - 0.1) > 2e-3])
     z = np.concatenate(z)
