@@ -17,10 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.signals._spline_kernel import DEGREE, LEAF, distances, expanded, followed, moments, penalised, polynomials
+from labpipe.signals._spline_kernel import (
+    DEGREE,
+    LEAF,
+    distances,
+    expanded,
+    followed,
+    normal_equations,
+    penalised,
+    polynomials,
+)
 
 _MULTIPLICITY = DEGREE - 2, DEGREE - 1  # of knots at a contact, a release: derivative 3, 2 jumps
-_ONE = np.arange(DEGREE + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +65,10 @@ def smooth(
     breaks, first = np.append(knots[start], knots[-1]), start - DEGREE
     length = np.diff(breaks)
     basis = expanded(knots, first, length)
-    powers, products = moments(x, z, breaks)
-    transposed = basis.transpose(0, 2, 1)
-    normal = transposed @ powers[:, _ONE[:, None] + _ONE] @ basis
-    right = np.bincount((first[:, None] + _ONE).ravel(), (transposed @ products[:, :, None]).ravel(), count + DEGREE)
-    # the fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean
-    power, highest = length**7, basis[:, 4:] * np.array([[24.0], [120.0 / np.sqrt(12.0)]])
-    rough = highest.transpose(0, 2, 1) @ highest / power[:, None, None]
+    normal, rough, right = normal_equations(x, z, breaks, basis, first)
     octave = np.round(np.log2(length)).astype(np.int64)
     octave -= octave.min()
-    coefficients, band, n_solves = penalised(normal, right, rough, power, octave, first)
+    coefficients, band, n_solves = penalised(normal, right, rough, length**7, octave, first)
     if not np.isfinite(coefficients).all():
         raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
     factors, covariance = polynomials(basis, first, coefficients, band)

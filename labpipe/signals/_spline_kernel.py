@@ -108,25 +108,41 @@ def expanded(knots: Floats, first: Indices, length: Floats) -> Floats:
 
 
 @lean(fastmath=_FAST)
-def moments(x: Floats, z: Floats, breaks: Floats) -> tuple[Floats, Floats]:
-    """Return, by intervals between ``breaks``, sums of the powers 0 to 10 of places and of ``z`` times powers 0 to 5.
+def normal_equations(
+    x: Floats, z: Floats, breaks: Floats, basis: Floats, first: Indices
+) -> tuple[Floats, Floats, Floats]:
+    """Return the parts of samples and of a unit penalty in the normal matrix, and the right-hand side (m + 5,).
 
-    ``x`` (n,) increases; a place is the distance from the middle over the length of the interval.
+    ``x`` (n,) increases; ``breaks`` (interval + 1,); ``basis`` and ``first`` belong to :func:`expanded`. Of both parts
+    (interval, 6, 6) the upper triangle is filled.
     """
-    powers, products = np.zeros((breaks.size - 1, 2 * DEGREE + 1)), np.zeros((breaks.size - 1, DEGREE + 1))
-    stop = 0
-    for s in range(breaks.size - 1):
-        middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
-        while stop < x.size and (x[stop] < breaks[s + 1] or s == breaks.size - 2):
+    normal, rough, right = np.empty(basis.shape), np.empty(basis.shape), np.zeros(first[-1] + 2 * DEGREE + 1)
+    powers, products, row, stop = np.empty(2 * DEGREE + 1), np.empty(DEGREE + 1), np.empty(DEGREE + 1), 0
+    for s in range(first.size):
+        length, middle, begin = breaks[s + 1] - breaks[s], 0.5 * (breaks[s] + breaks[s + 1]), stop
+        while stop < x.size and (x[stop] < breaks[s + 1] or s == first.size - 1):
             stop += 1
+        over, b = 1.0 / length, basis[s]
         for k in range(DEGREE + 1):
             low = high = mixed = 0.0
             for n in range(begin, stop):
                 place = (x[n] - middle) * over
                 power = place**k
                 low, high, mixed = low + power, high + power * place**DEGREE, mixed + power * z[n]
-            powers[s, k], powers[s, k + DEGREE], products[s, k] = low, high, mixed
-    return powers, products
+            powers[k], powers[k + DEGREE], products[k] = low, high, mixed
+        for i in range(DEGREE + 1):
+            row[:] = 0.0
+            for p in range(DEGREE + 1):
+                right[first[s] + i] += b[p, i] * products[p]
+                for q in range(DEGREE + 1):
+                    row[q] += b[p, i] * powers[p + q]
+            for j in range(i, DEGREE + 1):
+                # the fourth derivative is linear: 24 and 120 times the highest powers; u^2 is 1/12 in the mean
+                rough[s, i, j] = (24.0**2 * b[4, i] * b[4, j] + 120.0**2 / 12.0 * b[5, i] * b[5, j]) * over**7
+                normal[s, i, j] = 0.0
+                for q in range(DEGREE + 1):
+                    normal[s, i, j] += row[q] * b[q, j]
+    return normal, rough, right
 
 
 @lean(fastmath=_FAST)
