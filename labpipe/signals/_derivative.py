@@ -22,7 +22,7 @@ from labpipe.signals._noise import Noise, estimate_noise
 from labpipe.signals._noise_spectrum import u_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
-from labpipe.signals._smoothing_spline import evaluate, smooth
+from labpipe.signals._smoothing_spline import smooth
 from labpipe.units import Measure, si
 from labpipe.variables import described
 
@@ -194,10 +194,10 @@ def _spline(
     if n_spikes:
         warnings.warn(wild.message(t), UserWarning, stacklevel=3)
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
-    fit = smooth(t[kept], y[kept], sigma, *cuts)
-    (_, u_level), (v, u) = evaluate(fit, t, 0, 1)
+    fit = smooth(t[kept], y[kept], sigma, 1, *cuts, at=t)
+    (_, v), (u_level, u) = fit.value, fit.u
     u[kept] = u_of_rate(y[kept], sigma, u_level[kept], (v[kept], u[kept]))
-    counts = {"samples": len(t), "coefficients": fit.n_coefficients, "band_solves": fit.n_updates}
+    counts = {"samples": len(t), "coefficients": fit.n_coefficients, "band_solves": fit.n_solves}
     return v, u, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 
 

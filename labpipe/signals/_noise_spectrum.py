@@ -52,9 +52,9 @@ def u_of_rate(values: Floats, sigma: float, u_level: Floats, rate: tuple[Floats,
         rows = rows[_about(y[rows], basis) < _FOLLOWS * sigma**2]
         new[rows] = False
         # the parameters of the spline, of which a line takes two
-        parameters = np.maximum(size / sigma**2 * _mean_square(level[rows]), 1.0)
+        parameters = np.maximum(np.sum((level[rows] / sigma) ** 2, axis=1), 1.0)
         free = np.maximum(parameters - 2.0, 1.0) / parameters
-        beyond.append(_about(v[rows], basis[:, :2]) / free - _mean_square(u[rows]))
+        beyond.append(_about(v[rows], basis[:, :2]) / free - np.mean(u[rows] ** 2, axis=1))
         passed.append(parameters / size)
     variances = np.concatenate(beyond)
     if not variances.size or (usual := float(np.median(variances))) <= 0.0:
@@ -67,12 +67,7 @@ def _about(stretches: Floats, basis: Floats) -> Floats:
     """Return the mean square of each stretch (stretch, n) about its polynomial of a basis (n, term)."""
     left = stretches - stretches[:, :1]
     left -= left @ basis @ basis.T
-    return _mean_square(left)
-
-
-def _mean_square(stretches: Floats) -> Floats:
-    """Return the mean square of each stretch (stretch, n)."""
-    return np.asarray(np.einsum("ij,ij->i", stretches, stretches) / stretches.shape[1])
+    return np.asarray(np.einsum("ij,ij->i", left, left) / len(basis))
 
 
 def corner_in_flight(time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch]) -> float:

@@ -8,14 +8,12 @@ and the first and last reading of a contact continue the readings outside; both 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.signals._noise import estimate_noise
 
 LONGEST_RUN = 10  # readings of one run that are left out; a longer interruption hides motion
 _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
-Indices = NDArray[np.int64]
 
 
 class Outliers(NamedTuple):
@@ -106,7 +104,7 @@ def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> list[int]:
     return taken
 
 
-def _above(away: Floats, sigma: float) -> Indices:
+def _above(away: Floats, sigma: float) -> Integers:
     """Return which distances exceed the noise, and the median of those around as well."""
     places = np.flatnonzero(away > _THRESHOLD * sigma)
     found = []

@@ -12,48 +12,38 @@ D. Nychka, J. Am. Stat. Assoc. 83 (1988) 1134, doi:10.1080/01621459.1988.1047871
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.signals._spline_kernel import (
-    DEGREE,
-    LEAF,
-    distances,
-    expanded,
-    followed,
-    normal_equations,
-    penalised,
-    polynomials,
-)
+from labpipe.signals._spline_kernel import DEGREE, LEAF, distances, expanded, followed, normal_equations, penalised
 
 _MULTIPLICITY = DEGREE - 2, DEGREE - 1  # of knots at a contact, a release: derivative 3, 2 jumps
 
 
-@dataclass(frozen=True, slots=True)
-class Smooth:
-    """A fitted spline: a polynomial in each interval, and the covariance of its factors.
+class Smooth(NamedTuple):
+    """A fitted spline and its derivatives (derivative, n), with their standard uncertainties, and counts of the work."""
 
-    ``breaks`` (interval + 1,) are in time units from ``time_origin``; ``factors`` (interval, 6), in units of the
-    samples, belong to powers of the distance from the middle of an interval over its length; ``covariance``
-    (interval, 6, 6) is theirs.
-    """
-
-    breaks: Floats
-    factors: Floats
-    covariance: Floats
-    time_origin: float
+    value: Floats
+    u: Floats
     n_coefficients: int
-    n_updates: int
+    n_solves: int
 
 
 def smooth(
-    time: Floats, values: Floats, sigma: float, contacts: Sequence[float] = (), releases: Sequence[float] = ()
+    time: Floats,
+    values: Floats,
+    sigma: float,
+    order: int,
+    contacts: Sequence[float] = (),
+    releases: Sequence[float] = (),
+    at: Floats | None = None,
 ) -> Smooth:
     """Fit the spline to 8 or more finite samples with a white noise of standard deviation ``sigma`` > 0.
 
     At ``contacts`` the third derivative may jump, for a convex body meets or leaves a flat; at ``releases`` the second.
+    Derivatives up to ``order``, 3 at most, are returned ``at`` increasing times, default those of the samples.
     """
     scale = float(np.median(np.diff(time)))
     x = (time - time[0]) / scale
@@ -66,25 +56,13 @@ def smooth(
     length = np.diff(breaks)
     basis = expanded(knots, first, length)
     normal, rough, right = normal_equations(x, z, breaks, basis, first)
-    octave = np.round(np.log2(length)).astype(np.int64)
-    octave -= octave.min()
-    coefficients, band, n_solves = penalised(normal, right, rough, length**7, octave, first)
+    coefficients, band, n_solves = penalised(normal, right, rough, length, first)
     if not np.isfinite(coefficients).all():
         raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
-    factors, covariance = polynomials(basis, first, coefficients, band)
-    factors *= sigma
-    factors[:, 0] += offset
-    return Smooth(scale * breaks, factors, sigma**2 * covariance, float(time[0]), count, n_solves)
-
-
-def evaluate(fit: Smooth, time: Floats, *derivatives: int) -> list[tuple[Floats, Floats]]:
-    """Return the spline, or derivatives of it, each with its standard uncertainty.
-
-    ``time`` (m,) increases inside the fitted record; ``derivatives`` are 0 to 3, and values and u (m,) are in units of
-    the samples per time unit to that power.
-    """
-    since = time - fit.time_origin
-    return [followed(fit.factors, fit.covariance, fit.breaks, since, derivative) for derivative in derivatives]
+    since = (time if at is None else at) - time[0]
+    value, u = followed(scale * breaks, basis, first, sigma * coefficients, sigma**2 * band, since, order)
+    value[0] += offset
+    return Smooth(value, u, count, n_solves)
 
 
 def _knots(x: Floats, z: Floats, cuts: list[Floats]) -> Floats:

@@ -9,10 +9,9 @@ doi:10.1145/360680.360704). Importing this imports numba.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
-from labpipe.compilation import inner, lean
+from labpipe.arrays import Floats, Integers
+from labpipe.compilation import lean
 
 DEGREE = 5
 _FAST = {"reassoc", "contract", "nsz"}
@@ -22,7 +21,6 @@ _UPDATES, _SETTLED = 10, 0.2  # updates of the penalty at most, and the change o
 LEAF = 4  # samples over which the distance of knots is the same
 _CLOSEST = 2.0  # samples between knots
 _SLOPE = 0.1  # by which the distance of knots may grow with that from closer ones
-Indices = NDArray[np.int64]
 
 
 @lean()
@@ -86,7 +84,7 @@ def solved(band: Floats, x: Floats, inverse: Floats) -> None:
 
 
 @lean(fastmath=_FAST)
-def expanded(knots: Floats, first: Indices, length: Floats) -> Floats:
+def expanded(knots: Floats, first: Integers, length: Floats) -> Floats:
     """Return the B-splines of intervals between ``knots`` (m + 6,): Cox and de Boor on polynomials.
 
     ``first`` (interval,) is the first coefficient that counts in one; the result (interval, 6, 6) holds, by power of
@@ -109,7 +107,7 @@ def expanded(knots: Floats, first: Indices, length: Floats) -> Floats:
 
 @lean(fastmath=_FAST)
 def normal_equations(
-    x: Floats, z: Floats, breaks: Floats, basis: Floats, first: Indices
+    x: Floats, z: Floats, breaks: Floats, basis: Floats, first: Integers
 ) -> tuple[Floats, Floats, Floats]:
     """Return the parts of samples and of a unit penalty in the normal matrix, and the right-hand side (m + 5,).
 
@@ -146,64 +144,62 @@ def normal_equations(
 
 
 @lean(fastmath=_FAST)
-def polynomials(basis: Floats, first: Indices, coefficients: Floats, band: Floats) -> tuple[Floats, Floats]:
-    """Return the factors (interval, 6) of a spline's polynomials and their covariance (interval, 6, 6).
+def followed(
+    breaks: Floats, basis: Floats, first: Integers, coefficients: Floats, band: Floats, x: Floats, order: int
+) -> tuple[Floats, Floats]:
+    """Return a spline and its derivatives up to an order at increasing ``x`` (n,), and their u (order + 1, n).
 
-    ``basis`` and ``first`` belong to :func:`expanded`; ``band`` is that of the covariance of ``coefficients``.
+    ``breaks``, ``basis`` and ``first`` are those of :func:`expanded`; ``band`` is that of the coefficients' covariance.
     """
-    factors, covariance, row = np.zeros(basis.shape[:2]), np.zeros(basis.shape), np.empty(DEGREE + 1)
+    value, u, stop = np.empty((order + 1, x.size)), np.empty((order + 1, x.size)), 0
+    factors, variances = np.zeros(DEGREE + 2), np.empty(2 * DEGREE + 1)
+    covariance = np.zeros((DEGREE + 2, DEGREE + 2))
     for s in range(first.size):
-        b, c, active = basis[s], band[first[s] : first[s] + DEGREE + 1], coefficients[first[s] :]
+        middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
+        while stop < x.size and (x[stop] < breaks[s + 1] or s == first.size - 1):
+            stop += 1
+        # the polynomial of the interval, with the covariance of its factors
+        factors[:], covariance[:] = 0.0, 0.0
+        b, c = basis[s], band[first[s] : first[s] + DEGREE + 1]
         for p in range(DEGREE + 1):
             for i in range(DEGREE + 1):
-                factors[s, p] += b[p, i] * active[i]
-                row[i] = 0.0
+                along = 0.0
                 for j in range(DEGREE + 1):
-                    row[i] += b[p, j] * c[min(i, j), abs(i - j)]
-            for q in range(DEGREE + 1):
-                for i in range(DEGREE + 1):
-                    covariance[s, p, q] += row[i] * b[q, i]
-    return factors, covariance
-
-
-@lean(fastmath=_FAST)
-def followed(factors: Floats, covariance: Floats, breaks: Floats, x: Floats, derivative: int) -> tuple[Floats, Floats]:
-    """Return a derivative of :func:`polynomials` between ``breaks`` at increasing ``x`` (n,), and its uncertainty."""
-    value, u, stop = np.empty(x.size), np.empty(x.size), 0
-    falling, mean, variance = np.ones(DEGREE + 1), np.zeros(DEGREE + 1), np.zeros(2 * DEGREE + 1)
-    for p in range(DEGREE + 1):
-        for d in range(derivative):
-            falling[p] *= p - d
-    for s in range(breaks.size - 1):
-        middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
-        while stop < x.size and (x[stop] < breaks[s + 1] or s == breaks.size - 2):
-            stop += 1
-        factor, variance[:] = over**derivative, 0.0
-        for p in range(derivative, DEGREE + 1):
-            mean[p - derivative] = factor * falling[p] * factors[s, p]
-            for q in range(derivative, DEGREE + 1):
-                variance[p + q - 2 * derivative] += factor**2 * falling[p] * falling[q] * covariance[s, p, q]
-        for n in range(begin, stop):
-            place = min(max((x[n] - middle) * over, -0.5), 0.5)  # the ends continue
-            found, square = mean[DEGREE], variance[2 * DEGREE]
-            for k in range(DEGREE - 1, -1, -1):
-                found = found * place + mean[k]
-            for k in range(2 * DEGREE - 1, -1, -1):
-                square = square * place + variance[k]
-            value[n], u[n] = found, math.sqrt(max(square, 0.0))
+                    along += b[p, j] * c[min(i, j), abs(i - j)]
+                factors[p] += b[p, i] * coefficients[first[s] + i]
+                for q in range(DEGREE + 1):
+                    covariance[p, q] += along * b[q, i]
+        for derivative in range(order + 1):
+            variances[:] = 0.0
+            for p in range(DEGREE + 1):
+                for q in range(DEGREE + 1):
+                    variances[p + q] += covariance[p, q]
+            for n in range(begin, stop):
+                place = min(max((x[n] - middle) * over, -0.5), 0.5)  # the ends continue
+                found, variance = factors[DEGREE], variances[2 * DEGREE]
+                for k in range(DEGREE - 1, -1, -1):
+                    found = found * place + factors[k]
+                for k in range(2 * DEGREE - 1, -1, -1):
+                    variance = variance * place + variances[k]
+                value[derivative, n], u[derivative, n] = found, math.sqrt(max(variance, 0.0))
+            for p in range(DEGREE + 1):
+                factors[p] = (p + 1) * over * factors[p + 1]
+                for q in range(DEGREE + 1):
+                    covariance[p, q] = (p + 1) * (q + 1) * over**2 * covariance[p + 1, q + 1]
     return value, u
 
 
 @lean(fastmath=_FAST)
 def penalised(
-    normal: Floats, right: Floats, rough: Floats, power: Floats, octave: Indices, first: Indices
+    normal: Floats, right: Floats, rough: Floats, length: Floats, first: Integers
 ) -> tuple[Floats, Floats, int]:
     """Fit a spline whose roughness costs as much as the samples say (Fellner and Schall's update).
 
-    ``normal``, ``rough`` (interval, 6, 6): parts of samples and of a unit penalty in the normal matrix; ``right``
-    (m + 5,); ``power`` (interval,): lengths to the power in which a penalty grows; ``octave``: rounded logarithm of the
-    lengths. Returned are the coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves.
+    ``normal``, ``rough`` and ``right`` are those of :func:`normal_equations`; ``length`` (interval,). Returned are the
+    coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves.
     """
+    power, octave = length**7, np.round(np.log2(length)).astype(np.int64)  # in which a penalty grows; of equal lengths
+    octave -= octave.min()
     penalty, used, energy = 10.0 * power, np.empty(power.size), np.empty(power.size)
     band = np.empty((right.size, DEGREE + 1))
     inverse, n_solves, has_settled = np.empty(band.shape), 0, False
@@ -227,26 +223,18 @@ def penalised(
                     spread += twice * inverse[at, j]
                     size += twice * coefficients[at] * coefficients[at + j]
             used[s], energy[s] = max(1.0 - penalty[s] * spread, 1e-4), max(size, 0.0)
-        has_settled = _updated(penalty, used, energy, power, octave)
-
-
-@inner(fastmath=_FAST)
-def _updated(penalty: Floats, used: Floats, energy: Floats, power: Floats, octave: Indices) -> bool:
-    """Set penalties to parameters used per roughness; return True where they hardly changed.
-
-    Both are pooled over neighbours (a triangular window) and over all intervals of equal length.
-    """
-    alike, has_settled = np.bincount(octave, energy) / np.bincount(octave, used), True
-    for s in range(penalty.size):
-        local_used, local_energy = _SHARED, _SHARED * alike[octave[s]]
-        for o in range(max(s - _POOL, 0), min(s + _POOL + 1, penalty.size)):
-            weight = 1.0 - abs(o - s) / (_POOL + 1.0)
-            local_used += weight * used[o]
-            local_energy += weight * energy[o]
-        wanted = local_used / max(local_energy, 1e-250)
-        wanted = min(max(wanted, penalty[s] / 100.0), penalty[s] * 100.0)
-        # beyond, the penalty is off, or the spline rigid
-        wanted = min(max(wanted, 1e-8 * power[s]), 1e8 * power[s])
-        has_settled = has_settled and abs(math.log(wanted / penalty[s])) < _SETTLED
-        penalty[s] = wanted
-    return has_settled
+        # Parameters used per roughness, of which both are pooled over neighbours (a triangular window) and over all
+        # intervals of equal length.
+        alike, has_settled = np.bincount(octave, energy) / np.bincount(octave, used), True
+        for s in range(power.size):
+            local_used, local_energy = _SHARED, _SHARED * alike[octave[s]]
+            for o in range(max(s - _POOL, 0), min(s + _POOL + 1, power.size)):
+                weight = 1.0 - abs(o - s) / (_POOL + 1.0)
+                local_used += weight * used[o]
+                local_energy += weight * energy[o]
+            wanted = local_used / max(local_energy, 1e-250)
+            wanted = min(max(wanted, penalty[s] / 100.0), penalty[s] * 100.0)
+            # beyond, the penalty is off, or the spline rigid
+            wanted = min(max(wanted, 1e-8 * power[s]), 1e8 * power[s])
+            has_settled = has_settled and abs(math.log(wanted / penalty[s])) < _SETTLED
+            penalty[s] = wanted
