@@ -22,9 +22,8 @@ _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise
 class Noise(NamedTuple):
     """Standard deviation of the noise as a smoother sees it.
 
-    ``sigma`` is the level of white noise with the same power at low frequency; ``step`` the
-    quantisation found (0 when none); ``block`` the number of samples over which the noise is
-    correlated (1 = white).
+    ``sigma`` is the level of white noise with the same power at low frequency; ``step`` the quantisation found (0 when
+    none); ``block`` the number of samples over which the noise is correlated (1 = white).
     """
 
     sigma: float

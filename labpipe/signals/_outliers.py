@@ -105,13 +105,12 @@ def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> list[int]:
 
 
 def _above(away: Floats, sigma: float) -> Integers:
-    """Return which distances exceed the noise, and the median of those around as well."""
+    """Return which distances exceed the noise and the median of those around, so more than half of them."""
     places = np.flatnonzero(away > _THRESHOLD * sigma)
     found = []
     for some in np.array_split(places, places.size // 4096 + 1):
         near = np.abs(some[:, None] + np.arange(-2 * _NEIGHBOURS, 2 * _NEIGHBOURS + 1))
         near = np.clip(away.size - 1 - np.abs(away.size - 1 - near), 0, None)  # mirrored at both ends
-        # further than that times the median: than that times more than half of them
         found.append(some[np.sum(away[some, None] > _THRESHOLD * away[near], axis=1) > 2 * _NEIGHBOURS])
     return np.concatenate(found)
 

@@ -19,11 +19,12 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.signals._spline_kernel import DEGREE, LEAF, distances, expanded, followed, normal_equations, penalised
 
+Cuts = tuple[Sequence[float], Sequence[float]]
 _MULTIPLICITY = DEGREE - 2, DEGREE - 1  # of knots at a contact, a release: derivative 3, 2 jumps
 
 
 class Smooth(NamedTuple):
-    """A fitted spline and its derivatives (derivative, n), with their standard uncertainties, and counts of the work."""
+    """A spline and its derivatives (derivative, n), with their standard uncertainties, and counts of the work."""
 
     value: Floats
     u: Floats
@@ -32,24 +33,19 @@ class Smooth(NamedTuple):
 
 
 def smooth(
-    time: Floats,
-    values: Floats,
-    sigma: float,
-    order: int,
-    contacts: Sequence[float] = (),
-    releases: Sequence[float] = (),
-    at: Floats | None = None,
+    time: Floats, values: Floats, sigma: float, order: int, cuts: Cuts = ((), ()), at: Floats | None = None
 ) -> Smooth:
     """Fit the spline to 8 or more finite samples with a white noise of standard deviation ``sigma`` > 0.
 
-    At ``contacts`` the third derivative may jump, for a convex body meets or leaves a flat; at ``releases`` the second.
-    Derivatives up to ``order``, 3 at most, are returned ``at`` increasing times, default those of the samples.
+    At the first of ``cuts``, contacts, the third derivative may jump, for a convex body meets or leaves a flat; at the
+    others, releases, the second. Derivatives up to ``order``, 3 at most, are returned ``at`` increasing times, default
+    those of the samples.
     """
     scale = float(np.median(np.diff(time)))
     x = (time - time[0]) / scale
     offset = float(np.mean(values))
     z = (values - offset) / sigma
-    knots = _knots(x, z, [(np.asarray(cuts, float) - time[0]) / scale for cuts in (contacts, releases)])
+    knots = _knots(x, z, [(np.asarray(each, float) - time[0]) / scale for each in cuts])
     count = len(knots) - DEGREE - 1
     start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)
     breaks, first = np.append(knots[start], knots[-1]), start - DEGREE

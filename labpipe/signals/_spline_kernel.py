@@ -1,4 +1,4 @@
-"""The compiled loops of the smoothing spline: distance of knots, moments of the samples, penalised fit, polynomials.
+"""The compiled loops of the smoothing spline: distance of knots, normal equations, penalised fit, its derivatives.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle. Samples enter by their
 moments there; all else is one band of the normal matrix. The variance of a spline needs only the inverse inside the
@@ -109,18 +109,20 @@ def expanded(knots: Floats, first: Integers, length: Floats) -> Floats:
 def normal_equations(
     x: Floats, z: Floats, breaks: Floats, basis: Floats, first: Integers
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the parts of samples and of a unit penalty in the normal matrix, and the right-hand side (m + 5,).
+    """Return what samples and roughness contribute to the normal matrix, and the right-hand side (m + 5,).
 
-    ``x`` (n,) increases; ``breaks`` (interval + 1,); ``basis`` and ``first`` belong to :func:`expanded`. Of both parts
-    (interval, 6, 6) the upper triangle is filled.
+    ``x`` (n,) increases; ``breaks`` (interval + 1,); ``basis`` and ``first`` belong to :func:`expanded`. Of the part of
+    the samples (interval, 6, 6) the upper triangle is filled. The roughness of an interval is the sum of the squares of
+    two products with its coefficients (interval, 2, 6): so it stays exact where the coefficients are large.
     """
-    normal, rough, right = np.empty(basis.shape), np.empty(basis.shape), np.zeros(first[-1] + 2 * DEGREE + 1)
-    powers, products, row, stop = np.empty(2 * DEGREE + 1), np.empty(DEGREE + 1), np.empty(DEGREE + 1), 0
+    normal, rough = np.empty(basis.shape), np.empty((first.size, 2, DEGREE + 1))
+    right, row, stop = np.zeros(first[-1] + 2 * DEGREE + 1), np.empty(DEGREE + 1), 0
+    powers, products = np.empty(2 * DEGREE + 1), np.empty(DEGREE + 1)
     for s in range(first.size):
-        length, middle, begin = breaks[s + 1] - breaks[s], 0.5 * (breaks[s] + breaks[s + 1]), stop
+        middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
         while stop < x.size and (x[stop] < breaks[s + 1] or s == first.size - 1):
             stop += 1
-        over, b = 1.0 / length, basis[s]
+        b, bend = basis[s], over**3.5
         for k in range(DEGREE + 1):
             low = high = mixed = 0.0
             for n in range(begin, stop):
@@ -129,14 +131,14 @@ def normal_equations(
                 low, high, mixed = low + power, high + power * place**DEGREE, mixed + power * z[n]
             powers[k], powers[k + DEGREE], products[k] = low, high, mixed
         for i in range(DEGREE + 1):
+            # the fourth derivative is linear: 24 and 120 times the highest powers; place^2 is 1/12 in the mean
+            rough[s, 0, i], rough[s, 1, i] = 24.0 * bend * b[4, i], 120.0 / math.sqrt(12.0) * bend * b[5, i]
             row[:] = 0.0
             for p in range(DEGREE + 1):
                 right[first[s] + i] += b[p, i] * products[p]
                 for q in range(DEGREE + 1):
                     row[q] += b[p, i] * powers[p + q]
             for j in range(i, DEGREE + 1):
-                # the fourth derivative is linear: 24 and 120 times the highest powers; u^2 is 1/12 in the mean
-                rough[s, i, j] = (24.0**2 * b[4, i] * b[4, j] + 120.0**2 / 12.0 * b[5, i] * b[5, j]) * over**7
                 normal[s, i, j] = 0.0
                 for q in range(DEGREE + 1):
                     normal[s, i, j] += row[q] * b[q, j]
@@ -198,7 +200,7 @@ def penalised(
     ``normal``, ``rough`` and ``right`` are those of :func:`normal_equations`; ``length`` (interval,). Returned are the
     coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves.
     """
-    power, octave = length**7, np.round(np.log2(length)).astype(np.int64)  # in which a penalty grows; of equal lengths
+    power, octave = length**7, np.round(np.log2(length)).astype(np.int64)
     octave -= octave.min()
     penalty, used, energy = 10.0 * power, np.empty(power.size), np.empty(power.size)
     band = np.empty((right.size, DEGREE + 1))
@@ -210,19 +212,22 @@ def penalised(
         for s in range(power.size):
             for i in range(DEGREE + 1):
                 for j in range(DEGREE + 1 - i):
-                    band[first[s] + i, j] += normal[s, i, i + j] + penalty[s] * rough[s, i, i + j]
+                    band[first[s] + i, j] += normal[s, i, i + j] + penalty[s] * (
+                        rough[s, 0, i] * rough[s, 0, i + j] + rough[s, 1, i] * rough[s, 1, i + j]
+                    )
         solved(band, coefficients, inverse)
         if has_settled or n_solves > _UPDATES:
             return coefficients, inverse, n_solves
         for s in range(power.size):
-            spread = size = 0.0
-            for i in range(DEGREE + 1):
-                at = first[s] + i
-                for j in range(DEGREE + 1 - i):
-                    twice = rough[s, i, i + j] * (2.0 if j else 1.0)
-                    spread += twice * inverse[at, j]
-                    size += twice * coefficients[at] * coefficients[at + j]
-            used[s], energy[s] = max(1.0 - penalty[s] * spread, 1e-4), max(size, 0.0)
+            spread = energy[s] = 0.0
+            for r in rough[s]:
+                bend = 0.0
+                for i in range(DEGREE + 1):
+                    bend += r[i] * coefficients[first[s] + i]
+                    for j in range(DEGREE + 1 - i):
+                        spread += r[i] * r[i + j] * inverse[first[s] + i, j] * (2.0 if j else 1.0)
+                energy[s] += bend**2
+            used[s] = max(1.0 - penalty[s] * spread, 1e-4)
         # Parameters used per roughness, of which both are pooled over neighbours (a triangular window) and over all
         # intervals of equal length.
         alike, has_settled = np.bincount(octave, energy) / np.bincount(octave, used), True
@@ -234,7 +239,7 @@ def penalised(
                 local_energy += weight * energy[o]
             wanted = local_used / max(local_energy, 1e-250)
             wanted = min(max(wanted, penalty[s] / 100.0), penalty[s] * 100.0)
-            # beyond, the penalty is off, or the spline rigid
+            # beyond these multiples of the scale of a penalty it is off, or the spline rigid
             wanted = min(max(wanted, 1e-8 * power[s]), 1e8 * power[s])
             has_settled = has_settled and abs(math.log(wanted / penalty[s])) < _SETTLED
             penalty[s] = wanted
