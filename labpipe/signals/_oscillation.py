@@ -78,6 +78,11 @@ class Oscillation:
         """Mean of the signal at the reference time."""
         return self.trend[0]
 
+    @property
+    def natural_frequency(self) -> float:
+        """Frequency without damping [Hz]."""
+        return float(np.hypot(self.frequency, self.rate / (2 * np.pi)))
+
     def at(self, time: ArrayLike) -> Floats:
         """Return the fitted curve at times [s]."""
         s = np.asarray(time, float) - self.reference_time

@@ -89,7 +89,7 @@ def test_damped_vibration_and_its_uncertainties():
         )
     spread = np.sqrt(np.mean(np.square(z), axis=0))
     assert np.all((spread > 0.7) & (spread < 1.35)), spread
-    assert np.hypot(fit.frequency, fit.rate / (2 * np.pi)) == pytest.approx(300, rel=5e-3)
+    assert fit.natural_frequency == pytest.approx(300, rel=5e-3)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def record(amplitude: float = 5e-6, second: float = 0.05, seed: int = 3) -> tupl
 def test_the_closed_form_comes_back_and_the_second_blow_is_left_out() -> None:
     found = ringing(*record(), **SURE)
     fit = found.fit
-    assert abs(np.hypot(fit.frequency, fit.rate / (2 * np.pi)) - F0) < 3 * fit.u_frequency
+    assert abs(fit.natural_frequency - F0) < 3 * fit.u_frequency
     assert abs(fit.damping_ratio - ZETA) < 3 * fit.u_damping_ratio
     assert abs(fit.amplitude - 5e-6) < 3 * fit.u_amplitude
     assert abs(found.blow_time - 0.02013) < 3 * found.u_blow_time
