@@ -99,7 +99,6 @@ def velocity(
     """
     record = _displacement_of(displacement)
     time, values = checked_record(record)
-    hum = None
     if events is not None and method == "spline":
         hum = Hum.of_text(events.attrs.get("hum"))
         taken = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None

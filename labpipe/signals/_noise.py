@@ -99,10 +99,8 @@ def quantisation_step(values: Floats) -> float:
     differences = np.abs(values[1::some] - values[:-1:some])
     # What is smaller is rounding of floating-point arithmetic on top of the step.
     positive = differences[differences > 16.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))]
-    if len(positive) < 8:
-        return 0.0
-    near = positive[positive < 1.5 * float(np.min(positive))]
-    if len(near) < 3:
+    near = positive[positive < 1.5 * float(np.min(positive, initial=np.inf))]
+    if len(positive) < 8 or len(near) < 3:
         return 0.0
     step = float(np.median(near))
     ratio = positive[positive < 20.0 * step] / step

@@ -41,10 +41,8 @@ def smooth(
     others, releases, the second. Derivatives up to ``order``, 3 at most, are returned ``at`` increasing times, default
     those of the samples.
     """
-    scale = float(np.median(np.diff(time)))
-    x = (time - time[0]) / scale
-    offset = float(np.mean(values))
-    z = (values - offset) / sigma
+    scale, offset = float(np.median(np.diff(time))), float(np.mean(values))
+    x, z = (time - time[0]) / scale, (values - offset) / sigma
     knots = _knots(x, z, [(np.asarray(each, float) - time[0]) / scale for each in cuts])
     count = len(knots) - DEGREE - 1
     start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)

@@ -154,8 +154,7 @@ def followed(
     ``breaks``, ``basis`` and ``first`` are those of :func:`expanded`; ``band`` is that of the coefficients' covariance.
     """
     value, u, stop = np.empty((order + 1, x.size)), np.empty((order + 1, x.size)), 0
-    factors, variances = np.zeros(DEGREE + 2), np.empty(2 * DEGREE + 1)
-    covariance = np.zeros((DEGREE + 2, DEGREE + 2))
+    factors, covariance, variances = np.zeros(DEGREE + 2), np.zeros((DEGREE + 2, DEGREE + 2)), np.empty(2 * DEGREE + 1)
     for s in range(first.size):
         middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
         while stop < x.size and (x[stop] < breaks[s + 1] or s == first.size - 1):
