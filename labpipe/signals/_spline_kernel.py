@@ -97,11 +97,12 @@ def expanded(knots: Floats, first: Integers, length: Floats) -> Floats:
         for p in range(1, DEGREE + 1):
             for i in range(p - 1, -1, -1):
                 left, right = knots[k + 1 + i - p], knots[k + 1 + i]
-                falls, rises, slope = right - middle, middle - left, length[s]
+                over = 1.0 / (right - left)
+                falls, rises, slope = (right - middle) * over, (middle - left) * over, length[s] * over
                 for q in range(p, -1, -1):
                     below = slope * b[q - 1, i] if q else 0.0
-                    b[q, i + 1] += (rises * b[q, i] + below) / (right - left)
-                    b[q, i] = (falls * b[q, i] - below) / (right - left)
+                    b[q, i + 1] += rises * b[q, i] + below
+                    b[q, i] = falls * b[q, i] - below
     return basis
 
 
@@ -210,9 +211,10 @@ def penalised(
         band[:] = 0.0
         for s in range(power.size):
             for i in range(DEGREE + 1):
+                level, slope = penalty[s] * rough[s, 0, i], penalty[s] * rough[s, 1, i]
                 for j in range(DEGREE + 1 - i):
-                    band[first[s] + i, j] += normal[s, i, i + j] + penalty[s] * (
-                        rough[s, 0, i] * rough[s, 0, i + j] + rough[s, 1, i] * rough[s, 1, i + j]
+                    band[first[s] + i, j] += (
+                        normal[s, i, i + j] + level * rough[s, 0, i + j] + slope * rough[s, 1, i + j]
                     )
         solved(band, coefficients, inverse)
         if has_settled or n_solves > _UPDATES:
