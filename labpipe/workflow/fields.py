@@ -113,9 +113,14 @@ def options_of(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
         yield bare, marks
 
 
+def is_table(kind: Any) -> bool:
+    """Return whether a type is a structure, written as a table."""
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
 def tables_of(kind: Any) -> list[type[msgspec.Struct]]:
     """Return the structures among the alternatives of a field: those of a table."""
-    return [bare for bare, _ in options_of(kind) if isinstance(bare, type) and issubclass(bare, msgspec.Struct)]
+    return [bare for bare, _ in options_of(kind) if is_table(bare)]
 
 
 def is_file(kind: Any) -> bool:
