@@ -28,26 +28,9 @@ import msgspec
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below, relative, safe_join
 from labpipe.units import Quantity, quantity
+from labpipe.workflow import fields
 from labpipe.workflow.document import LABORATORY, Document, Place, dotted, parse, placed
-from labpipe.workflow.fields import (
-    GAP,
-    REFERENCE,
-    Dimension,
-    FileMark,
-    Range,
-    ReferenceMark,
-    describe,
-    fields_of,
-    found,
-    is_gap,
-    is_table,
-    mark,
-    options_of,
-    show,
-    split,
-    suggest,
-    tables_of,
-)
+from labpipe.workflow.fields import describe, found, is_gap, is_table, mark, split, suggest
 
 S = TypeVar("S", bound=msgspec.Struct)
 Layer = tuple[Place, Any]
@@ -62,7 +45,7 @@ def read(path: Path, kind: type[S]) -> S:
     Raises SourceError, and ConfigError with every mistake and its line.
     """
     document = parse(path)
-    value = Checker(document, path.parent).structure(kind, document.tree, ())
+    value = Checker(document, path.parent).value(kind, document.tree, ())
     document.finish()
     return typing.cast(S, value)
 
@@ -95,63 +78,8 @@ class Checker:
         self.document.report(place, message)
         return _BAD
 
-    def structure(self, kind: type[msgspec.Struct], value: Any, place: Place, below: Sequence[Layer] = ()) -> Any:
-        """Convert a table, laid over those ``below`` it, the uppermost first."""
-        if not isinstance(value, dict):
-            return self.report(place, f"expected a table, found {found(value)}")
-        fields = {f.encode_name: f for f in fields_of(kind)}
-        held = self._laid(kind, fields, value, place, below)
-        for key in held.keys() - fields.keys():
-            self.report((*place, key), f"unknown key{suggest(key, fields)}")
-        converted = {}
-        for name, info in fields.items():
-            if name in held:
-                (_, own), *lower = held[name]
-                converted[info.name] = self.value(info.type, own, (*place, name), lower)
-            elif info.required:
-                converted[info.name] = self.report((*place, name), f"missing; expected {describe(info.type)}")
-        if any(item is _BAD for item in converted.values()):
-            return _BAD
-        try:
-            return kind(**converted)
-        except (ValueError, TypeError) as error:  # raised by the structure's own __post_init__
-            return self.report(place, str(error))
-
-    def _laid(
-        self, kind: Any, fields: Mapping[str, Any], value: dict[str, Any], place: Place, below: Sequence[Layer]
-    ) -> dict[str, list[Layer]]:
-        """Gather by key what tables over each other hold; of ``alternatives`` those of the uppermost table count."""
-        held: dict[str, list[Layer]] = {}
-        for at, table in ((self.document.written(place), value), *below):
-            hidden = {k for group in getattr(kind, "alternatives", ()) if held.keys() & set(group) for k in group}
-            for key, own in table.items():
-                if key in held or key not in hidden:
-                    held.setdefault(key, []).extend(self._with_part(fields.get(key), (*at, key), own))
-        for key, ((at, own), *lower) in held.items():
-            self.document.origin[*place, key] = at
-            of_laboratory = next((one for there, one in lower if there[0] == LABORATORY != at[0]), own)
-            if of_laboratory != own and not isinstance(own, dict | list):
-                self.overrides[dotted((*place, key)[2:])] = str(of_laboratory), str(own)
-        return held
-
-    def _with_part(self, info: Any, at: Place, value: Any) -> list[Layer]:
-        """Return a value, or the table of the laboratory's file that it names, below what it changes of it."""
-        name = value.get("from") if isinstance(value, dict) else value
-        kinds = [kind for kind, _ in options_of(info.type)] if info is not None and self.parts else []
-        if not isinstance(name, str) or not any(map(is_table, kinds)):
-            return [(at, value)]
-        part: Place = (LABORATORY, at[-1], name)
-        if part in self.parts:
-            changed = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
-            return [(at, changed), (part, self.parts[part])]
-        if all(map(is_table, kinds)):
-            near = suggest(name, (str(one[2]) for one in self.parts if one[:2] == part[:2]))
-            near = near or f"; name a table [{at[-1]}.NAME] of {LABORATORY}, or write a table"
-            value = self.report(at, f'there is no {at[-1]} "{name}"{near}')
-        return [(at, value)]
-
     def value(self, kind: Any, value: Any, place: Place, below: Sequence[Layer] = ()) -> Any:
-        """Convert one value to the type of its field."""
+        """Convert a value to the type of its field; a table lies over those ``below`` it, the uppermost first."""
         if value is _BAD:
             return _BAD
         self.settings.append(place)
@@ -160,77 +88,90 @@ class Checker:
         if isinstance(value, str) and self.base:
             value = value.replace("{name}", self.base)
         bare, _ = split(kind)
-        if typing.get_origin(bare) in (Union, types.UnionType):
-            options = [option for option in typing.get_args(bare) if option is not type(None)]
-            if isinstance(value, dict) and len(tables := tables_of(bare)) == 1:
-                options = list(tables)
-            if len(options) == 1:
-                return self.value(options[0], value, place, below)
-            for option in options:
-                trial = replace(self, document=Document(self.document.path, {}, {(): 1}))
-                converted = trial.value(option, value, place)
-                if not trial.document.problems:
-                    return converted
-            return self.report(place, f"expected {' or '.join(map(describe, options))}, found {found(value)}")
-        if is_table(bare):
-            return self.structure(bare, value, place, [one for one in below if isinstance(one[1], dict)])
         try:
-            if typing.get_origin(bare) is dict:
-                return self._table(bare, value, place, below)
-            if typing.get_origin(bare) in (list, tuple):
-                return self._list(kind, value, place)
+            if typing.get_origin(bare) in (Union, types.UnionType):
+                return self._alternative(bare, value, place, below)
+            if is_table(bare):
+                return self._structure(bare, value, place, below)
+            if typing.get_origin(bare) in (list, tuple, dict):
+                return self._collection(kind, value, place)
             return self._single(kind, value, place)
-        except InputError as error:
+        except ValueError as error:  # InputError, or what a structure's own __post_init__ raised
             return self.report(place, str(error))
 
-    def _single(self, kind: Any, value: Any, place: Place) -> Any:
-        """Convert a value that holds no others; raise InputError with its mistake."""
-        bare, marks = split(kind)
-        if mark(marks, FileMark) is not None:
-            return self._file(value, place)
-        if mark(marks, ReferenceMark) is not None and isinstance(value, str):
-            name = value.removeprefix(REFERENCE)
-            if self.names is not None and name == self.own:
-                raise InputError("an experiment cannot refer to itself")
-            if self.names is not None and name not in self.names:
-                near = suggest(name, (other for other in self.names if other != self.own))
-                raise InputError(f'there is no experiment "{name}"{near}')
-            return REFERENCE + name
-        if (dimension := mark(marks, Dimension)) is not None:
-            converted: Any = _quantity(dimension, value)
-            number, unit, shown = converted.value, f" {dimension.si}".removesuffix(" 1"), show(converted)
-        else:
-            converted = number = shown = _plain(kind, bare, value)
-            unit = ""
-        bounds = mark(marks, Range)
-        if bounds is not None and not bounds.holds(number):
-            raise InputError(f"must be {bounds}{unit}, found {shown}")
-        return converted
+    def _alternative(self, kind: Any, value: Any, place: Place, below: Sequence[Layer]) -> Any:
+        """Convert to the first of several types that takes a value."""
+        options = [option for option in typing.get_args(kind) if option is not type(None)]
+        if isinstance(value, dict) and len(tables := fields.tables_of(kind)) == 1:
+            options = list(tables)
+        if len(options) == 1:
+            return self.value(options[0], value, place, below)
+        for option in options:
+            trial = replace(self, document=Document(self.document.path, {}, {(): 1}))
+            converted = trial.value(option, value, place)
+            if not trial.document.problems:
+                return converted
+        raise InputError(f"expected {' or '.join(map(describe, options))}, found {found(value)}")
 
-    def _table(self, kind: Any, value: Any, place: Place, below: Sequence[Layer]) -> Any:
-        """Convert a table whose keys are names."""
+    def _structure(self, kind: type[msgspec.Struct], value: Any, place: Place, below: Sequence[Layer]) -> Any:
         if not isinstance(value, dict):
             raise InputError(f"expected a table, found {found(value)}")
-        held = self._laid(None, {}, value, place, [one for one in below if isinstance(one[1], dict)])
-        of = typing.get_args(kind)[1]
-        pairs = {key: self.value(of, own, (*place, key), lower) for key, ((_, own), *lower) in held.items()}
-        return _BAD if any(v is _BAD for v in pairs.values()) else pairs
+        known = {f.encode_name: f for f in fields.fields_of(kind)}
+        held: dict[str, list[Layer]] = {}
+        for at, table in ((self.document.written(place), value), *below):
+            # of settings that exclude each other those of the uppermost table count
+            hidden = {k for group in getattr(kind, "alternatives", ()) if held.keys() & set(group) for k in group}
+            for key, own in table.items() if isinstance(table, dict) else ():
+                if key in held or key not in hidden:
+                    held.setdefault(key, []).extend(self._with_part(known.get(key), (*at, key), own))
+        for key, ((at, own), *lower) in held.items():
+            self.document.origin[*place, key] = at
+            if key not in known:
+                self.report((*place, key), f"unknown key{suggest(key, known)}")
+            of_laboratory = next((one for there, one in lower if there[0] == LABORATORY != at[0]), own)
+            if of_laboratory != own and not isinstance(own, dict | list):
+                self.overrides[dotted((*place, key)[2:])] = str(of_laboratory), str(own)
+        converted = {}
+        for key, info in known.items():
+            if key in held:
+                (_, own), *lower = held[key]
+                converted[info.name] = self.value(info.type, own, (*place, key), lower)
+            elif info.required:
+                converted[info.name] = self.report((*place, key), f"missing; expected {describe(info.type)}")
+        return _BAD if any(item is _BAD for item in converted.values()) else kind(**converted)
 
-    def _list(self, kind: Any, value: Any, place: Place) -> Any:
-        """Convert a list; one of files may be a pattern of their names."""
+    def _with_part(self, info: Any, at: Place, value: Any) -> list[Layer]:
+        """Return a value, or the table of the laboratory's file that it names, below what it changes of it."""
+        name = value.get("from") if isinstance(value, dict) else value
+        kinds = [kind for kind, _ in fields.options_of(info.type)] if info is not None and self.parts else []
+        if not isinstance(name, str) or not any(map(is_table, kinds)):
+            return [(at, value)]
+        part: Place = (LABORATORY, at[-1], name)
+        if part in self.parts:
+            changed = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
+            return [(at, changed), (part, self.parts[part])]
+        if isinstance(value, dict) or not any(kind is str or typing.get_origin(kind) is Literal for kind in kinds):
+            near = suggest(name, (str(one[2]) for one in self.parts if one[:2] == part[:2]))
+            near = near or f"; name a table [{at[-1]}.NAME] of {LABORATORY}, or write a table"
+            value = self.report(at, f'there is no {at[-1]} "{name}"{near}')
+        return [(at, value)]
+
+    def _collection(self, kind: Any, value: Any, place: Place) -> Any:
+        """Convert a list, of which one of files may be a pattern of their names, or a table whose keys are names."""
         bare, marks = split(kind)
-        arguments = typing.get_args(bare)
-        inner, inner_marks = split(arguments[0])
-        is_of_files = mark(inner_marks, FileMark) is not None
-        is_nested = typing.get_origin(inner) in (list, tuple)
+        origin, arguments = typing.get_origin(bare), typing.get_args(bare)
+        if origin is dict:
+            if not isinstance(value, dict):
+                raise InputError(f"expected a table, found {found(value)}")
+            pairs = {key: self.value(arguments[1], own, (*place, key)) for key, own in value.items()}
+            return _BAD if any(own is _BAD for own in pairs.values()) else pairs
+        is_of_files = mark(split(arguments[0])[1], fields.FileMark) is not None
         if is_of_files and isinstance(value, str) and set(value) & set("*?["):
             value = self._matching(value)
         if not isinstance(value, list):
-            example = f"; write [{found(value)}]" if isinstance(value, str) and not is_nested else ""
+            example = f"; write [{found(value)}]" if isinstance(value, str) else ""
             raise InputError(f"expected {describe(kind)}, found {found(value)}{example}")
-        if is_nested and value and not any(isinstance(item, list) for item in value):
-            raise InputError(f"expected {describe(kind)}, found {str(value)[:60]}: brackets are missing")
-        is_fixed = typing.get_origin(bare) is tuple and arguments[-1] is not Ellipsis
+        is_fixed = origin is tuple and arguments[-1] is not Ellipsis
         if is_fixed and len(value) != len(arguments):
             raise InputError(f"expected {len(arguments)} items, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
@@ -243,16 +184,38 @@ class Checker:
         least = getattr(mark(marks, msgspec.Meta), "min_length", None) or 0
         if len(items) < least:  # after its items, which may be still to come
             raise InputError(f"expected at least {least} item{'s' * (least != 1)}, found {len(items)}")
-        return tuple(items) if typing.get_origin(bare) is tuple else items
+        return tuple(items) if origin is tuple else items
 
     def _matching(self, pattern: str) -> list[str]:
         """Return the files of the session that fit a pattern, in the order of their numbers; the pattern for none."""
-        names = [] if ".." in Path(pattern).parts or Path(pattern).is_absolute() else self.root.glob(pattern)
+        is_below = ".." not in Path(pattern).parts and not Path(pattern).is_absolute()
+        names = [path.relative_to(self.root).as_posix() for path in self.root.glob(pattern)] if is_below else []
+        parts = {name: re.split(r"(\d+)", name) for name in names}
+        return sorted(names, key=lambda n: [(int(p) if p.isdigit() else 0, p) for p in parts[n]]) or [pattern]
 
-        def by_number(name: str) -> list[tuple[int, str]]:
-            return [(int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name)]
-
-        return sorted((path.relative_to(self.root).as_posix() for path in names), key=by_number) or [pattern]
+    def _single(self, kind: Any, value: Any, place: Place) -> Any:
+        """Convert a value that holds no others."""
+        bare, marks = split(kind)
+        if mark(marks, fields.FileMark) is not None:
+            return self._file(value, place)
+        if mark(marks, fields.ReferenceMark) is not None and isinstance(value, str):
+            name = value.removeprefix(fields.REFERENCE)
+            if self.names is not None and name == self.own:
+                raise InputError("an experiment cannot refer to itself")
+            if self.names is not None and name not in self.names:
+                near = suggest(name, (other for other in self.names if other != self.own))
+                raise InputError(f'there is no experiment "{name}"{near}')
+            return fields.REFERENCE + name
+        dimension, bounds = mark(marks, fields.Dimension), mark(marks, fields.Range)
+        if dimension is None:
+            converted = number = shown = _plain(kind, bare, value)
+        else:
+            converted = _quantity(kind, dimension.si, value)
+            number, shown = converted.value, fields.show(converted)
+        if bounds is not None and not bounds.holds(number):
+            unit = f" {dimension.si}" if dimension is not None and dimension.si != "1" else ""
+            raise InputError(f"must be {bounds}{unit}, found {shown}")
+        return converted
 
     def _file(self, value: Any, place: Place) -> str:
         if not isinstance(value, str):
@@ -265,11 +228,10 @@ class Checker:
             # files that a user may have meant; labpipe's own folder is not among them
             names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))
             near = suggest(value, [name for name in names if not name.startswith("labpipe/")])
-            raise InputError(
-                f'there is no file "{value}" in the session folder{near or "; copy it there, or correct the name"}'
-            )
+            advice = near or "; copy it there, or correct the name"
+            raise InputError(f'there is no file "{value}" in the session folder{advice}')
         with contextlib.suppress(OSError, LabpipeError):  # a record that cannot be read is refused later
-            if self.may_fill and value.endswith(".toml") and GAP.encode() in path.read_bytes():
+            if self.may_fill and value.endswith(".toml") and fields.GAP.encode() in path.read_bytes():
                 record = parse(path)
                 for at, node in placed(record.tree):
                     if is_gap(node):
@@ -278,10 +240,10 @@ class Checker:
         return value
 
 
-def _quantity(dimension: Dimension, value: Any) -> Quantity:
-    expected = describe(dimension)
+def _quantity(kind: Any, si: str, value: Any) -> Quantity:
+    expected = describe(kind)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and dimension.si == "1":
+    if is_number and si == "1":
         return Quantity(float(value), 0.0, "1")
     if not isinstance(value, str):
         raise InputError(f"expected {expected}, found {found(value)}{' without a unit' * is_number}")
@@ -289,7 +251,7 @@ def _quantity(dimension: Dimension, value: Any) -> Quantity:
         parsed = quantity(value)
     except InputError as error:
         raise InputError(f'expected {expected}, found "{value}"{f": {error}" if "," in value else ""}') from None
-    if parsed.si != dimension.si:
+    if parsed.si != si:
         which = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
         raise InputError(f'expected {expected}, found "{value}", which {which}')
     if not (math.isfinite(parsed.value) and math.isfinite(parsed.u)):
@@ -298,15 +260,11 @@ def _quantity(dimension: Dimension, value: Any) -> Quantity:
 
 
 def _plain(kind: Any, bare: Any, value: Any) -> Any:
-    if typing.get_origin(bare) is Literal and value not in (known := typing.get_args(bare)):
-        if isinstance(value, str) and value.lower() in known:
-            return value.lower()
-        raise InputError(f"expected {describe(bare)}, found {found(value)}{suggest(str(value), map(str, known))}")
+    known = typing.get_args(bare) if typing.get_origin(bare) is Literal else ()
+    if isinstance(value, str) and value.lower() in known:
+        return value.lower()
     try:
         return msgspec.convert(value, kind)
-    except msgspec.ValidationError as error:
-        # msgspec says "Expected `int` >= 1" for a bound, and names its own types otherwise
-        bound = str(error).removeprefix("Expected ").replace("`", "")
-        is_bound = bound != str(error) and ", got" not in bound
-        bound = "a text that is not empty" if bound.startswith("str ") else bound
-        raise InputError(f"expected {bound if is_bound else describe(bare)}, found {found(value)}") from None
+    except msgspec.ValidationError:
+        near = suggest(str(value), map(str, known))
+        raise InputError(f"expected {describe(kind)}, found {found(value)}{near}") from None

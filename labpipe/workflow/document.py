@@ -3,7 +3,7 @@
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,7 @@ LABORATORY = "laboratory.toml"
 """Name of the laboratory's file, and first key of its places in the document of a session that refers to it."""
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
-_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
-_TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
+_TOO_DEEP = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
 """A dotted key deeper than that: the time that the parser takes grows with the square of it."""
 _TOKEN = re.compile(
     r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[ \t]+|[\n\[\]{}=,]|'
@@ -84,26 +83,25 @@ def parse(path: Path, text: str | None = None) -> Document:
     def refuse(at: int | str, message: str) -> ConfigError:
         return ConfigError([f"{path.name}:{at}: {message}"])
 
-    if text is None:
-        try:
+    too_deep = f"nested deeper than {DEEPEST} levels; flatten it"
+    try:
+        if text is None:
             if (size := path.stat().st_size) > LARGEST_FILE:
                 most = f"more than the {LARGEST_FILE} that a configuration may have"
                 raise refuse(1, f"{size} bytes long, {most}; is it the right file?")
-            data = path.read_bytes()
-            text = data.decode("utf-8-sig")
-        except OSError as error:
-            raise SourceError(path, f"cannot be read: {error.strerror}") from error
-        except UnicodeDecodeError as error:
-            line = data.count(b"\n", 0, error.start) + 1
-            raise refuse(line, f"byte {data[error.start]:#04x} is not UTF-8; save the file as UTF-8") from None
-    text = text.replace("\r\n", "\n")
-    too_deep = f"nested deeper than {DEEPEST} levels; flatten it"
-    if (deep := _TOO_DEEP.search(text)) is not None:
-        raise refuse(text.count("\n", 0, deep.start()) + 1, too_deep)
-    try:
+            text = path.read_bytes().decode("utf-8-sig")
+        text = text.replace("\r\n", "\n")
+        if (deep := _TOO_DEEP.search(text)) is not None:
+            raise refuse(text.count("\n", 0, deep.start()) + 1, too_deep)
         tree = tomllib.loads(text)
+    except OSError as error:
+        raise SourceError(path, f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        byte = error.object[error.start]
+        raise refuse(line, f"byte {byte:#04x} is not UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise refuse(*_syntax_problem(text, str(error))) from None
+        raise refuse(*_syntax_problem(str(text), str(error))) from None
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise refuse(1, f"cannot be read as TOML: {error}") from None
@@ -117,15 +115,12 @@ def parse(path: Path, text: str | None = None) -> Document:
     return document
 
 
+_NO_VALUE = "a text stands in quotation marks, a date reads 2026-01-31, a list stands in brackets"
 _SYNTAX = {
     "Cannot": "a key or table is given twice ({}); remove one",
     "Illegal character '\\n'": "a text is not closed; expected a quotation mark before the line ends",
-    "Expected newline or end of document": "expected the end of the line after a value; a text "
-    "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets",
-    "Invalid value": "expected a value: a text in quotation marks, a number, true, false, a date "
-    "such as 2026-01-31, or a list in brackets",
-    "Expected '=' after a key": "expected = after the name of a key",
-    "Invalid statement": "expected a key, a table in brackets, or a remark after #",
+    "Expected newline or end of document": f"expected the end of the line after a value; {_NO_VALUE}",
+    "Invalid value": f"expected a value; {_NO_VALUE}",
 }
 """Beginnings of messages of tomllib, and the same for a person."""
 

@@ -72,8 +72,8 @@ def is_gap(value: Any) -> bool:
 POSITIVE = Range(above=0.0)
 NOT_NEGATIVE = Range(at_least=0.0)
 
-File = Annotated[str, FileMark()]
-ExperimentName = Annotated[str, ReferenceMark()]
+File = Annotated[str, FileMark(), msgspec.Meta(description="the name of a file")]
+ExperimentName = Annotated[str, ReferenceMark(), msgspec.Meta(description="the name of an experiment")]
 """Written as ``NAME`` or ``experiment:NAME``, kept as the latter."""
 Length = Annotated[Quantity, Dimension("m", "length", "9.525 mm")]
 Mass = Annotated[Quantity, Dimension("kg", "mass", "28.2 g")]
@@ -123,11 +123,6 @@ def tables_of(kind: Any) -> list[type[msgspec.Struct]]:
     return [bare for bare, _ in options_of(kind) if is_table(bare)]
 
 
-def is_file(kind: Any) -> bool:
-    """Return whether the text of a field names a file."""
-    return any(isinstance(mark, FileMark) for _, marks in options_of(kind) for mark in marks)
-
-
 def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[tuple[str, Any, Any]]:
     """Yield settings and all that is in them: dotted name, value and declared type."""
     yield place, settings, kind
@@ -161,20 +156,15 @@ _WORDS: dict[type, str] = {
 def describe(kind: Any) -> str:
     """Describe the expected value of a field: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
     bare, marks = split(kind)
-    if (dimension := kind if isinstance(kind, Dimension) else mark(marks, Dimension)) is not None:
+    if (dimension := mark(marks, Dimension)) is not None:
         article = "an" if dimension.noun[0] in "aeiou" else "a"
         units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
         return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
-    if mark(marks, FileMark) is not None:
-        return "the name of a file"
-    if mark(marks, ReferenceMark) is not None:
-        return "the name of an experiment"
-    meta = mark(marks, msgspec.Meta)
-    if meta is not None and meta.description:
+    if (meta := mark(marks, msgspec.Meta)) is not None and meta.description:
         return meta.description
     origin, arguments = typing.get_origin(bare), typing.get_args(bare)
     if origin is Literal:
-        return "one of " + ", ".join(f'"{a}"' if isinstance(a, str) else repr(a) for a in arguments)
+        return "one of " + ", ".join(map(found, arguments))
     if origin in (Union, types.UnionType):
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):
@@ -184,16 +174,11 @@ def describe(kind: Any) -> str:
 
 def found(value: Any) -> str:
     """Describe a value that was found, shortened."""
-    if isinstance(value, str):
-        return f'"{value}"' if len(value) <= 60 else f'"{value[:60]}…"'
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        text = repr(value)
-        return text if len(text) <= 60 else f"a number of {len(text)} digits"
     if isinstance(value, dict | list):
         return "a table" if isinstance(value, dict) else "a list"
-    return f"a {type(value).__name__}"
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = text if len(text) <= 60 else text[:60] + "…"
+    return f'"{text}"' if isinstance(value, str) else text
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
@@ -218,12 +203,10 @@ def show(value: Quantity) -> str:
     '9.525 mm'
     """
     # the largest multiple by a power of a thousand in which it is at least 1
-    own = value.si.removeprefix("k")
-    names = {unit(name).factor: name for name in spellings(value.si) if name.endswith(own)} or {1.0: value.si}
-    if value.si == "rad":
-        names = {math.radians(1.0): "deg"}
-    factors = sorted((one for one in names if math.log10(one) % 3 == 0), reverse=True) or list(names)
-    fitting = (one for one in factors if abs(value.value) >= one * (1 - 1e-12))
-    factor = next(fitting, factors[0] if value.value == 0 else factors[-1])
+    names = {unit(name).factor: name for name in spellings(value.si) if name.endswith(value.si.removeprefix("k"))}
+    names = {math.radians(1.0): "deg"} if value.si == "rad" else names or {1.0: value.si}
+    factors = sorted(one for one in names if math.log10(one) % 3 == 0) or list(names)
+    fitting = [one for one in factors if abs(value.value) >= one * (1 - 1e-12) or one == factors[0]]
+    factor = (fitting if value.value else factors)[-1]
     text = f"{value.value / factor:.6g}" + (f" ± {value.u / factor:.2g}" if value.u else "")
     return text if names[factor] == "1" else f"{text} {names[factor]}"

@@ -183,7 +183,7 @@ def load(
     _check_version(document)
     root = source.parent.resolve()
     fill(document, root)
-    checked = Checker(document, root).structure(_Layout, document.tree, ())
+    checked = Checker(document, root).value(_Layout, document.tree, ())
     layout = checked if isinstance(checked, _Layout) else _Layout()
     head = layout.session
     files = (root / head.files).resolve() if head.files else root
@@ -270,8 +270,7 @@ def _of_laboratory(
     is_above = path.name == LABORATORY and path.parent.resolve() in (root, *root.parents)
     if not (is_above and path.is_file()):
         expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
-        missing = f"there is no file {found(named)}; correct the name, or delete this line"
-        document.report(("laboratory",), missing if is_above else f"{expected}, found {found(named)}")
+        document.report(("laboratory",), f"{expected}, found {found(named)}; correct the path, or delete this line")
         return {}
     other = parse(path)
     _check_version(other)
@@ -352,7 +351,7 @@ def _check_names(document: Document, places: Mapping[str, Place], tables: Collec
         problem = name_problem(name)
         if problem is None and ("/" in name or name.startswith(".")):
             problem = "it contains /, or begins with a full stop"
-        elif len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
+        if problem is None and len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
             problem = f"it is longer than {_LONGEST_NAME} bytes"
         if problem:
             document.report(place, f"cannot be the name of an experiment: {problem}")

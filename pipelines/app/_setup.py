@@ -433,7 +433,7 @@ def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
     """Return the errors and missing values of a record."""
     try:
         document = parse(path, text)
-        config.Checker(document, path.parent, may_fill=True).structure(kind, document.tree, ())
+        config.Checker(document, path.parent, may_fill=True).value(kind, document.tree, ())
         document.finish()
     except ConfigError as error:
         return list(error.problems)
