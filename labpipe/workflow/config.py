@@ -207,14 +207,11 @@ class Checker:
                 raise InputError(f'there is no experiment "{name}"{near}')
             return fields.REFERENCE + name
         dimension, bounds = mark(marks, fields.Dimension), mark(marks, fields.Range)
-        if dimension is None:
-            converted = number = shown = _plain(kind, bare, value)
-        else:
-            converted = _quantity(kind, dimension.si, value)
-            number, shown = converted.value, fields.show(converted)
+        converted = _plain(kind, bare, value) if dimension is None else _quantity(kind, dimension.si, value)
+        number = converted.value if isinstance(converted, Quantity) else converted
         if bounds is not None and not bounds.holds(number):
             unit = f" {dimension.si}" if dimension is not None and dimension.si != "1" else ""
-            raise InputError(f"must be {bounds}{unit}, found {shown}")
+            raise InputError(f"must be {bounds}{unit}, found {converted}")
         return converted
 
     def _file(self, value: Any, place: Place) -> str:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 
 import msgspec
 
-from labpipe.units import Quantity, spellings, unit
+from labpipe.units import Quantity, spellings
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,21 +192,3 @@ def suggest(word: str, known: Iterable[str]) -> str:
     if 0 < len(options) <= 12:
         return "; known: " + ", ".join(options)
     return ""
-
-
-def show(value: Quantity) -> str:
-    """Write a quantity for people: ``9.525 mm``, ``12 ± 0.2 deg``.
-
-    Examples
-    --------
-    >>> show(Quantity(0.009525, 0.0, "m"))
-    '9.525 mm'
-    """
-    # the largest multiple by a power of a thousand in which it is at least 1
-    names = {unit(name).factor: name for name in spellings(value.si) if name.endswith(value.si.removeprefix("k"))}
-    names = {math.radians(1.0): "deg"} if value.si == "rad" else names or {1.0: value.si}
-    factors = sorted(one for one in names if math.log10(one) % 3 == 0) or list(names)
-    fitting = [one for one in factors if abs(value.value) >= one * (1 - 1e-12) or one == factors[0]]
-    factor = (fitting if value.value else factors)[-1]
-    text = f"{value.value / factor:.6g}" + (f" ± {value.u / factor:.2g}" if value.u else "")
-    return text if names[factor] == "1" else f"{text} {names[factor]}"

@@ -23,11 +23,10 @@ import msgspec
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import name_problem
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.units import Quantity
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import LABORATORY, Document, Place, dotted, parse, texts_in
 from labpipe.workflow.exclusions import EXCLUDE, without_excluded
-from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, show, suggest, tables_of
+from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, suggest, tables_of
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
@@ -332,7 +331,7 @@ def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, 
     """Return the settings in which two of one kind differ, with both values in words; notes do not count."""
     old, new = (
         {
-            place: show(value) if isinstance(value, Quantity) else str(value).removeprefix(REFERENCE)
+            place: str(value).removeprefix(REFERENCE)
             for place, value, _ in every_setting(settings)
             if not (isinstance(value, msgspec.Struct | list | None) or place.startswith("notes"))
         }
