@@ -158,14 +158,14 @@ class Checker:
 
     def _collection(self, kind: Any, value: Any, place: Place) -> Any:
         """Convert a list, of which one of files may be a pattern of their names, or a table whose keys are names."""
-        bare, marks = split(kind)
+        bare, _ = split(kind)
         origin, arguments = typing.get_origin(bare), typing.get_args(bare)
         if origin is dict:
             if not isinstance(value, dict):
                 raise InputError(f"expected a table, found {found(value)}")
             pairs = {key: self.value(arguments[1], own, (*place, key)) for key, own in value.items()}
             return _BAD if any(own is _BAD for own in pairs.values()) else pairs
-        is_of_files = mark(split(arguments[0])[1], fields.FileMark) is not None
+        is_of_files = mark(arguments[0], fields.FileMark) is not None
         if is_of_files and isinstance(value, str) and set(value) & set("*?["):
             value = self._matching(value)
         if not isinstance(value, list):
@@ -181,7 +181,7 @@ class Checker:
                 items[i] = self.report((*place, i), f'"{name}" is listed twice; remove one')
         if any(item is _BAD for item in items):
             return _BAD
-        least = getattr(mark(marks, msgspec.Meta), "min_length", None) or 0
+        least = getattr(mark(kind, msgspec.Meta), "min_length", None) or 0
         if len(items) < least:  # after its items, which may be still to come
             raise InputError(f"expected at least {least} item{'s' * (least != 1)}, found {len(items)}")
         return tuple(items) if origin is tuple else items
@@ -195,10 +195,9 @@ class Checker:
 
     def _single(self, kind: Any, value: Any, place: Place) -> Any:
         """Convert a value that holds no others."""
-        bare, marks = split(kind)
-        if mark(marks, fields.FileMark) is not None:
+        if mark(kind, fields.FileMark) is not None:
             return self._file(value, place)
-        if mark(marks, fields.ReferenceMark) is not None and isinstance(value, str):
+        if mark(kind, fields.ReferenceMark) is not None and isinstance(value, str):
             name = value.removeprefix(fields.REFERENCE)
             if self.names is not None and name == self.own:
                 raise InputError("an experiment cannot refer to itself")
@@ -206,8 +205,8 @@ class Checker:
                 near = suggest(name, (other for other in self.names if other != self.own))
                 raise InputError(f'there is no experiment "{name}"{near}')
             return fields.REFERENCE + name
-        dimension, bounds = mark(marks, fields.Dimension), mark(marks, fields.Range)
-        converted = _plain(kind, bare, value) if dimension is None else _quantity(kind, dimension.si, value)
+        dimension, bounds = mark(kind, fields.Dimension), mark(kind, fields.Range)
+        converted = _plain(kind, value) if dimension is None else _quantity(kind, dimension.si, value)
         number = converted.value if isinstance(converted, Quantity) else converted
         if bounds is not None and not bounds.holds(number):
             unit = f" {dimension.si}" if dimension is not None and dimension.si != "1" else ""
@@ -256,7 +255,8 @@ def _quantity(kind: Any, si: str, value: Any) -> Quantity:
     return parsed
 
 
-def _plain(kind: Any, bare: Any, value: Any) -> Any:
+def _plain(kind: Any, value: Any) -> Any:
+    bare, _ = split(kind)
     known = typing.get_args(bare) if typing.get_origin(bare) is Literal else ()
     if isinstance(value, str) and value.lower() in known:
         return value.lower()

@@ -8,7 +8,7 @@ import msgspec
 
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import FileMark, every_setting, fields_of, mark, options_of, suggest
+from labpipe.workflow.fields import FileMark, every_setting, fields_of, mark, suggest
 
 EXCLUDE = "exclude"
 """Field of an experiment's settings that holds its exclusions; stages that read files declare it as a parameter."""
@@ -87,7 +87,7 @@ def concerning(settings: S, files: Iterable[str]) -> S:
 def files_of(settings: Any) -> Iterator[tuple[str, str]]:
     """Yield place and name of every file that settings name."""
     for place, value, kind in every_setting(settings):
-        if isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options_of(kind)):
+        if isinstance(value, str) and mark(kind, FileMark) is not None:
             yield place, value
 
 

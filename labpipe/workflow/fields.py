@@ -139,9 +139,9 @@ def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[
 M = TypeVar("M")
 
 
-def mark(marks: tuple[Any, ...], kind: type[M]) -> M | None:
-    """Return the first mark of a kind, or None."""
-    return next((mark for mark in marks if isinstance(mark, kind)), None)
+def mark(kind: Any, of: type[M]) -> M | None:
+    """Return the first mark of a class in a type or its alternatives, or None."""
+    return next((one for _, marks in options_of(kind) for one in marks if isinstance(one, of)), None)
 
 
 _WORDS: dict[type, str] = {
@@ -156,12 +156,12 @@ _WORDS: dict[type, str] = {
 def describe(kind: Any) -> str:
     """Describe the expected value of a field: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
     bare, marks = split(kind)
-    if (dimension := mark(marks, Dimension)) is not None:
+    if (dimension := next((one for one in marks if isinstance(one, Dimension)), None)) is not None:
         article = "an" if dimension.noun[0] in "aeiou" else "a"
         units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
         return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
-    if (meta := mark(marks, msgspec.Meta)) is not None and meta.description:
-        return meta.description
+    if stated := next((one.description for one in marks if isinstance(one, msgspec.Meta) and one.description), None):
+        return stated
     origin, arguments = typing.get_origin(bare), typing.get_args(bare)
     if origin is Literal:
         return "one of " + ", ".join(map(found, arguments))

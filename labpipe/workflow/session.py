@@ -24,9 +24,9 @@ from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import name_problem
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.config import Checker
-from labpipe.workflow.document import LABORATORY, Document, Place, dotted, parse, texts_in
-from labpipe.workflow.exclusions import EXCLUDE, without_excluded
-from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, suggest, tables_of
+from labpipe.workflow.document import LABORATORY, Document, Place, dotted, parse
+from labpipe.workflow.exclusions import EXCLUDE, files_of, without_excluded
+from labpipe.workflow.fields import REFERENCE, ReferenceMark, every_setting, fields_of, found, mark, suggest, tables_of
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
@@ -55,9 +55,9 @@ class Experiment:
     @property
     def refers_to(self) -> tuple[str, ...]:
         """Names of the experiments that its settings name, as one has its material from another."""
-        texts = [*texts_in(msgspec.to_builtins(self.settings))]
-        texts += [REFERENCE + self.base] if self.base else []
-        return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
+        named = [value for _, value, kind in every_setting(self.settings) if value and mark(kind, ReferenceMark)]
+        named += [self.base] if self.base else []
+        return tuple(dict.fromkeys(str(name).removeprefix(REFERENCE) for name in named))
 
 
 class Creator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -120,8 +120,7 @@ class Session(ShownAsTable):
     def _shown(self) -> Shown:
         rows: list[tuple[str, ...]] = []
         for one in self.experiments.values():
-            texts = texts_in(msgspec.to_builtins(one.settings))
-            names = ", ".join(text for text in texts if Path(text).suffix and not text.startswith(REFERENCE))
+            names = ", ".join(name for _, name in files_of(one.settings))
             rows.append((one.name, one.kind.replace("_", " "), textwrap.shorten(names, 120, placeholder=" …")))
         rows += [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
         remarks = [f"recorded by {self.operator}"] if self.operator else []

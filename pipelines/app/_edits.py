@@ -79,7 +79,7 @@ def rename(text: str, name: str, to: str, kinds: Mapping[str, type[msgspec.Struc
     tree[EXPERIMENTS] = {to if key == name else key: table for key, table in tree[EXPERIMENTS].items()}
     changed = _rewritten(text, name, tree, lambda own: _renamed(own, to))
     for place, kind, value in leaves(tree, kinds):
-        if mark(split(bare_type(kind))[1], ReferenceMark) and value in (name, REFERENCE + name):
+        if mark(kind, ReferenceMark) and value in (name, REFERENCE + name):
             changed = set_value(changed, place, REFERENCE + to if value.startswith(REFERENCE) else to)
     return changed
 

@@ -295,7 +295,7 @@ def _fields(
             choices = [str(a).lower() if isinstance(a, bool) else str(a) for a in typing.get_args(bare)]
         options = [typing.get_args(o) for o in typing.get_args(bare) if typing.get_origin(o) is Literal]
         is_list = typing.get_origin(bare) is list
-        is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
+        is_files = is_list and mark(typing.get_args(bare)[0], FileMark) is not None
         yield {
             "file": file,
             "place": list(place),

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.experiments.shared.exact_values import exact_values
@@ -283,8 +283,7 @@ def _quantities(session: Session) -> _Owned:
             if not isinstance(value, Quantity):
                 continue
             name, number = setting.rpartition(".")[2].replace("_", " "), value.value
-            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
-            if is_positive and value.u > _UNKNOWN * number:
+            if mark(kind, Range) == POSITIVE and value.u > _UNKNOWN * number:
                 u = _written(value._replace(value=value.u))
                 text = f"the {name} is {_written(value)} with a standard uncertainty of {u}"
                 cause = "the unit or the decimal point of the uncertainty is wrong"
