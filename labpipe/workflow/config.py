@@ -237,22 +237,20 @@ class Checker:
 
 
 def _quantity(kind: Any, si: str, value: Any) -> Quantity:
-    expected = describe(kind)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if is_number and si == "1":
         return Quantity(float(value), 0.0, "1")
-    if not isinstance(value, str):
-        raise InputError(f"expected {expected}, found {found(value)}{' without a unit' * is_number}")
+    why = " without a unit" if is_number else ""
     try:
-        parsed = quantity(value)
+        parsed = quantity(value) if isinstance(value, str) else None
     except InputError as error:
-        raise InputError(f'expected {expected}, found "{value}"{f": {error}" if "," in value else ""}') from None
-    if parsed.si != si:
-        which = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
-        raise InputError(f'expected {expected}, found "{value}", which {which}')
-    if not (math.isfinite(parsed.value) and math.isfinite(parsed.u)):
-        raise InputError(f'expected a finite number, found "{value}"')
-    return parsed
+        parsed, why = None, f": {error}" if "," in value else ""
+    if parsed is not None:
+        if parsed.si == si and math.isfinite(parsed.value) and math.isfinite(parsed.u):
+            return parsed
+        what = "is not finite" if parsed.si == si else "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
+        why = f", which {what}"
+    raise InputError(f"expected {describe(kind)}, found {found(value)}{why}")
 
 
 def _plain(kind: Any, value: Any) -> Any:

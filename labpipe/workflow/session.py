@@ -193,16 +193,15 @@ def load(
     for at in tables:
         if at[-2] == "defaults" and (kind := str(at[-1])) not in kinds:
             document.report(at, f"unknown kind{suggest(kind, kinds)}")
-    places: dict[str, Place] = {}
-    for at in tables:  # each experiment followed by its variants
-        if at[0] == "experiments":
-            places[str(at[1])] = at
-            own = {one: table for one, table in tables.items() if one[0] == "variants" and table.get("base") == at[1]}
-            places |= {str(one[1]): one for one in own if ("experiments", one[1]) not in tables}
-    if not places and not document.problems:
+        elif at[0] == "variants" and ("experiments", at[1]) in tables:
+            document.report(at, "an experiment has this name; give the variant another one")
+    order = {str(at[1]): number for number, at in enumerate(tables) if at[0] == "experiments"}
+    if not order and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-    places |= {str(at[1]): at for at in tables if at[0] == "variants" and at[1] not in places}
-    _check_names(document, places, tables)
+    own = [at for at in tables if at[0] == "experiments" or (at[0] == "variants" and at[1] not in order)]
+    own.sort(key=lambda at: order.get(str(tables[at].get("base", at[1])), len(tables)))  # variants behind their bases
+    places = {str(at[1]): at for at in own}
+    _check_names(document, places)
     checker = Checker(document, files, may_fill=True, parts=of_laboratory, names=places)
     checker.laboratory = (root / layout.laboratory).parent.resolve()
     experiments: dict[str, Experiment] = {}
@@ -219,20 +218,18 @@ def load(
         if one is not None and not alone.problems:
             experiments[name] = one
         else:
-            of_experiments |= {text: line for text, line in alone.problems.items() if text not in document.problems}
+            of_experiments |= alone.problems
             waiting[name] = tuple(sorted(alone.problems, key=alone.problems.__getitem__))
-    while blocked := next(
-        ((one.name, other) for one in experiments.values() for other in one.refers_to if other in waiting), None
-    ):
-        name, other = blocked
-        del experiments[name]
-        waiting[name] = (document.at(places[name], f'refers to "{other}", which waits'),)
+    while blocked := {name: other for name, one in experiments.items() for other in one.refers_to if other in waiting}:
+        for name, other in blocked.items():
+            del experiments[name]
+            waiting[name] = (document.at(places[name], f'refers to "{other}", which waits'),)
     if document.problems or not experiments:
         document.problems.update(of_experiments)
     document.finish()
     said = (head.title or files.name, head.operator, head.notes, head.synthetic)
-    waits_of = {name: waiting[name] for name in places if name in waiting}
-    return Session(root, *said, experiments, waits_of, head.licence, layout.creators, files if head.files else None)
+    waiting = {name: waiting[name] for name in places if name in waiting}
+    return Session(root, *said, experiments, waiting, head.licence, layout.creators, files if head.files else None)
 
 
 def _check_version(document: Document) -> None:
@@ -278,8 +275,8 @@ def _of_laboratory(
     for key, table in other.tree.items():
         if key not in known:
             document.report((LABORATORY, key), f"unknown key{suggest(key, known - {'labpipe'})}")
-        elif key != "labpipe" and not isinstance(table, dict):
-            document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
+        elif key != "labpipe":
+            Checker(document, root).value(dict[str, dict[str, Any]], table, (LABORATORY, key))
     return {(LABORATORY, *place): table for place, table in _tables(other.tree, *other.tree).items()}
 
 
@@ -340,12 +337,10 @@ def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, 
     return {place: (old.get(place, "none"), new.get(place, "none")) for place in places}
 
 
-def _check_names(document: Document, places: Mapping[str, Place], tables: Collection[Place]) -> None:
+def _check_names(document: Document, places: Mapping[str, Place]) -> None:
     """Report names of experiments that cannot be names of files, or that a disk may take for one."""
     alike: dict[str, str] = {}
     for name, place in places.items():
-        if place[0] == "experiments" and ("variants", name) in tables:
-            document.report(("variants", name), "an experiment has this name; give the variant another one")
         problem = name_problem(name)
         if problem is None and ("/" in name or name.startswith(".")):
             problem = "it contains /, or begins with a full stop"

@@ -65,7 +65,7 @@ def test_units_become_si(tmp_path: Path) -> None:
 
 WRONG = {
     'length = "3 furlong"': 'expected a length .*, found "3 furlong"',
-    'length = "1e999 mm"': "expected a finite number",
+    'length = "1e999 mm"': "which is not finite",
     'angle = "atuo"': 'expected an angle .* or one of "auto", found "atuo"',
     'window = "2 s"': "must be > 0 and <= 1 s, found 2 s",
     f"count = {10**300}": r"found 10{59}…",
