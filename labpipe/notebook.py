@@ -4,6 +4,8 @@ import html
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from labpipe.files import printable
+
 _MOST_ROWS = 30
 """Rows of a text; what is longer is counted."""
 
@@ -58,12 +60,8 @@ def text_table(caption: str, rows: Iterable[Sequence[object]], *, most: int | No
       a.csv     1
       long.csv  2
     """
-    cells = [[_plain(cell) for cell in row] for row in rows]
+    cells = [[printable(str(cell)) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells[:most]]
     more = [] if most is None or len(cells) <= most else [f"  and {len(cells) - most} more"]
-    return "\n".join([_plain(caption), *lines, *more])
-
-
-def _plain(cell: object) -> str:
-    return "".join(c for c in str(cell) if c.isprintable())
+    return "\n".join([printable(caption), *lines, *more])

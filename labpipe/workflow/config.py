@@ -3,8 +3,8 @@
 A settings structure is a frozen ``msgspec.Struct``; a dimensional field is declared by the type of
 its quantity, and the user writes ``"9.525 mm"`` or ``"12.0 ± 0.2 deg"``:
 
->>> import msgspec
 >>> from typing import Annotated
+>>> from labpipe.workflow.fields import POSITIVE, Length, Mass
 >>> class Sphere(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 ...     radius: Annotated[Length, POSITIVE]
 ...     mass: Annotated[Mass, POSITIVE] | None = None
