@@ -57,8 +57,8 @@ class Checker:
     ``may_wait`` takes names of files that are not there yet; ``may_fill`` says of a value that is still to come so, and
     no more. ``laboratory`` is the folder of the laboratory's file, from which the files that it names are found, and
     ``parts`` are tables that a value may name instead, as ``sphere = "A3"``. ``names`` are the experiments that one of
-    them, ``own``, may refer to; ``base`` takes the place of ``{name}`` in texts. In ``settings`` the place of every
-    value is found, and in ``overrides`` those of the laboratory's file that the session changes, with both values.
+    them, ``own``, may refer to; ``base`` takes the place of ``{name}`` in texts. ``lines`` holds the line of the
+    session's file for every value, and ``overrides`` those that differ from the laboratory's, with both values.
     """
 
     document: Document
@@ -70,19 +70,24 @@ class Checker:
     names: Collection[str] | None = None
     own: str = ""
     base: str = ""
-    settings: list[Place] = field(default_factory=list)
+    lines: dict[Place, int] = field(default_factory=dict)
     overrides: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def report(self, place: Place, message: str) -> Any:
-        """Report at the place in the file where a value was written; return the mark of no value."""
+        """Report a mistake; return the mark of no value."""
         self.document.report(place, message)
         return _BAD
 
-    def value(self, kind: Any, value: Any, place: Place, below: Sequence[Layer] = ()) -> Any:
-        """Convert a value to the type of its field; a table lies over those ``below`` it, the uppermost first."""
+    def value(self, kind: Any, value: Any, place: Place, below: Sequence[Layer] = (), name: Place = ()) -> Any:
+        """Convert a value to the type of its field; a table lies over those ``below`` it, the uppermost first.
+
+        ``place`` is where it was written, ``name`` that of the setting.
+        """
         if value is _BAD:
             return _BAD
-        self.settings.append(place)
+        # a value of the laboratory's file belongs to the line that refers to it
+        is_own = place[:1] != (LABORATORY,)
+        self.lines[name] = self.document.line(place) if is_own else self.lines.get(name[:-1], 1)
         if self.may_fill and is_gap(value):
             return self.report(place, f"to be filled in: {describe(kind)}")
         if isinstance(value, str) and self.base:
@@ -90,52 +95,51 @@ class Checker:
         bare, _ = split(kind)
         try:
             if typing.get_origin(bare) in (Union, types.UnionType):
-                return self._alternative(bare, value, place, below)
+                return self._alternative(bare, value, place, below, name)
             if is_table(bare):
-                return self._structure(bare, value, place, below)
+                return self._structure(bare, value, place, below, name)
             if typing.get_origin(bare) in (list, tuple, dict):
-                return self._collection(kind, value, place)
+                return self._collection(kind, value, place, name)
             return self._single(kind, value, place)
         except ValueError as error:  # InputError, or what a structure's own __post_init__ raised
             return self.report(place, str(error))
 
-    def _alternative(self, kind: Any, value: Any, place: Place, below: Sequence[Layer]) -> Any:
+    def _alternative(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
         """Convert to the first of several types that takes a value."""
         options = [option for option in typing.get_args(kind) if option is not type(None)]
         if isinstance(value, dict) and len(tables := fields.tables_of(kind)) == 1:
             options = list(tables)
         if len(options) == 1:
-            return self.value(options[0], value, place, below)
+            return self.value(options[0], value, place, below, name)
         for option in options:
-            trial = replace(self, document=Document(self.document.path, {}, {(): 1}))
-            converted = trial.value(option, value, place)
+            trial = replace(self, document=replace(self.document, problems={}))
+            converted = trial.value(option, value, place, below, name)
             if not trial.document.problems:
                 return converted
         raise InputError(f"expected {' or '.join(map(describe, options))}, found {found(value)}")
 
-    def _structure(self, kind: type[msgspec.Struct], value: Any, place: Place, below: Sequence[Layer]) -> Any:
+    def _structure(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
         if not isinstance(value, dict):
             raise InputError(f"expected a table, found {found(value)}")
         known = {f.encode_name: f for f in fields.fields_of(kind)}
         held: dict[str, list[Layer]] = {}
-        for at, table in ((self.document.written(place), value), *below):
+        for at, table in ((place, value), *below):
             # of settings that exclude each other those of the uppermost table count
             hidden = {k for group in getattr(kind, "alternatives", ()) if held.keys() & set(group) for k in group}
             for key, own in table.items() if isinstance(table, dict) else ():
                 if key in held or key not in hidden:
                     held.setdefault(key, []).extend(self._with_part(known.get(key), (*at, key), own))
         for key, ((at, own), *lower) in held.items():
-            self.document.origin[*place, key] = at
             if key not in known:
-                self.report((*place, key), f"unknown key{suggest(key, known)}")
+                self.report(at, f"unknown key{suggest(key, known)}")
             of_laboratory = next((one for there, one in lower if there[0] == LABORATORY != at[0]), own)
             if of_laboratory != own and not isinstance(own, dict | list):
-                self.overrides[dotted((*place, key)[2:])] = str(of_laboratory), str(own)
+                self.overrides[dotted((*name, key))] = str(of_laboratory), str(own)
         converted = {}
         for key, info in known.items():
             if key in held:
-                (_, own), *lower = held[key]
-                converted[info.name] = self.value(info.type, own, (*place, key), lower)
+                (at, own), *lower = held[key]
+                converted[info.name] = self.value(info.type, own, at, lower, (*name, key))
             elif info.required:
                 converted[info.name] = self.report((*place, key), f"missing; expected {describe(info.type)}")
         return _BAD if any(item is _BAD for item in converted.values()) else kind(**converted)
@@ -156,14 +160,14 @@ class Checker:
             value = self.report(at, f'there is no {at[-1]} "{name}"{near}')
         return [(at, value)]
 
-    def _collection(self, kind: Any, value: Any, place: Place) -> Any:
+    def _collection(self, kind: Any, value: Any, place: Place, name: Place) -> Any:
         """Convert a list, of which one of files may be a pattern of their names, or a table whose keys are names."""
         bare, _ = split(kind)
         origin, arguments = typing.get_origin(bare), typing.get_args(bare)
         if origin is dict:
             if not isinstance(value, dict):
                 raise InputError(f"expected a table, found {found(value)}")
-            pairs = {key: self.value(arguments[1], own, (*place, key)) for key, own in value.items()}
+            pairs = {k: self.value(arguments[1], v, (*place, k), (), (*name, k)) for k, v in value.items()}
             return _BAD if any(own is _BAD for own in pairs.values()) else pairs
         is_of_files = mark(arguments[0], fields.FileMark) is not None
         if is_of_files and isinstance(value, str) and set(value) & set("*?["):
@@ -175,10 +179,11 @@ class Checker:
         if is_fixed and len(value) != len(arguments):
             raise InputError(f"expected {len(arguments)} items, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
-        items = [self.value(t, v, (*place, i)) for i, (t, v) in enumerate(zip(of, value, strict=True))]
-        for i, name in enumerate(value if is_of_files else ()):
-            if name in value[:i]:
-                items[i] = self.report((*place, i), f'"{name}" is listed twice; remove one')
+        places = [((*place, i), (), (*name, i)) for i in range(len(value))]
+        items = [self.value(t, v, *at) for t, v, at in zip(of, value, places, strict=True)]
+        for i, file in enumerate(value if is_of_files else ()):
+            if file in value[:i]:
+                items[i] = self.report((*place, i), f'"{file}" is listed twice; remove one')
         if any(item is _BAD for item in items):
             return _BAD
         least = getattr(mark(kind, msgspec.Meta), "min_length", None) or 0
@@ -216,7 +221,7 @@ class Checker:
     def _file(self, value: Any, place: Place) -> str:
         if not isinstance(value, str):
             raise InputError(f"expected the name of a file, found {found(value)}")
-        is_of_laboratory = not isinstance(place[-1], int) and self.document.written(place)[:1] == (LABORATORY,)
+        is_of_laboratory = not isinstance(place[-1], int) and place[0] == LABORATORY
         path = safe_join((is_of_laboratory and self.laboratory) or self.root, value)
         if is_of_laboratory and path.exists():
             return relative(path, self.root)

@@ -30,25 +30,15 @@ Place = tuple[str | int, ...]
 
 @dataclass(slots=True)
 class Document:
-    """A TOML file as a tree, with the line of every value, and of the mistakes found so far.
-
-    ``origin`` has where values were written that stand at their places from another table, such as defaults.
-    """
+    """A TOML file as a tree, with the line of every value, and of the mistakes found so far."""
 
     path: Path
     tree: dict[str, Any]
     lines: dict[Place, int]
     problems: dict[str, int] = field(default_factory=dict)
-    origin: dict[Place, Place] = field(default_factory=dict)
-
-    def written(self, place: Place) -> Place:
-        """Return where a value was written: at its own place, or in the table it was taken from."""
-        ends = (n for n in range(len(place), 0, -1) if place[:n] in self.origin)
-        return next(((*self.origin[place[:n]], *place[n:]) for n in ends), place)
 
     def line(self, place: Place) -> int:
-        """Line of a value as it was written, or of the nearest table around it."""
-        place = self.written(place)
+        """Line of a value, or of the nearest table around it."""
         return next(self.lines[place[:n]] for n in range(len(place), -1, -1) if place[:n] in self.lines)
 
     def report(self, place: Place, message: str) -> None:
@@ -57,8 +47,7 @@ class Document:
 
     def at(self, place: Place, message: str) -> str:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
-        own = self.written(place)
-        name, own = (LABORATORY, own[1:]) if own[:1] == (LABORATORY,) else (self.path.name, own)
+        name, own = (LABORATORY, place[1:]) if place[:1] == (LABORATORY,) else (self.path.name, place)
         return ": ".join((f"{name}:{self.line(place)}", *([dotted(own)] if own else ()), message))
 
     def finish(self) -> None:

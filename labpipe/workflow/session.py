@@ -208,7 +208,7 @@ def load(
     waiting: dict[str, tuple[str, ...]] = {}
     of_experiments: dict[str, int] = {}
     for name, place in places.items():
-        alone = replace(document, problems={}, origin={})  # the mistakes of an experiment stop it, and no other
+        alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
         waits = may_wait or name in may_lack
         one = _experiment(replace(checker, document=alone, own=name, may_wait=waits), kinds, tables, place)
         if one is not None and one.base in experiments:
@@ -308,7 +308,7 @@ def _experiment(
     is_asked = any(info.encode_name == "kind" for info in fields_of(kinds[name]))
     layers[own] = {key: value for key, value in tables[own].items() if is_asked or key != "kind"}
     layers |= {at: tables[at] for at in (("defaults", name), (LABORATORY, "defaults", name)) if at in tables}
-    checker = replace(checker, base=str(own[1]), settings=[], overrides={})
+    checker = replace(checker, base=str(own[1]), lines={}, overrides={})
     (_, uppermost), *below = layers.items()
     settings = checker.value(kinds[name], uppermost, place, below)
     if not isinstance(settings, msgspec.Struct):
@@ -317,9 +317,7 @@ def _experiment(
         settings = without_excluded(settings)
     except InputError as error:
         document.report((*place, EXCLUDE, int(error.reason)), str(error))
-    here = replace(document, origin={})  # a value of the laboratory's file belongs to the line that refers to it
-    of = {at: here if document.written(at)[0] == LABORATORY else document for at in checker.settings}
-    lines = {dotted(at[2:]): where.line(at) for at, where in of.items()}
+    lines = {dotted(at): line for at, line in checker.lines.items()}
     return Experiment(checker.own, name, settings, lines, "" if own == place else checker.base, {}, checker.overrides)
 
 
