@@ -106,11 +106,9 @@ class Checker:
 
     def _alternative(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
         """Convert to the first of several types that takes a value."""
-        options = [option for option in typing.get_args(kind) if option is not type(None)]
         if isinstance(value, dict) and len(tables := fields.tables_of(kind)) == 1:
-            options = list(tables)
-        if len(options) == 1:
-            return self.value(options[0], value, place, below, name)
+            return self._structure(tables[0], value, place, below, name)
+        options = [option for option in typing.get_args(kind) if option is not type(None)]
         for option in options:
             trial = replace(self, document=replace(self.document, problems={}))
             converted = trial.value(option, value, place, below, name)

@@ -96,7 +96,10 @@ def fields_of(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ..
 
 
 def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Separate a type from the marks of its ``Annotated``."""
+    """Separate a type from the marks of its ``Annotated``; an optional one is the type without None."""
+    if typing.get_origin(kind) in (Union, types.UnionType):
+        options = [option for option in typing.get_args(kind) if option is not type(None)]
+        return split(options[0]) if len(options) == 1 else (kind, ())
     if typing.get_origin(kind) is Annotated:
         bare, *marks = typing.get_args(kind)
         return bare, tuple(marks)
@@ -144,7 +147,7 @@ def mark(kind: Any, of: type[M]) -> M | None:
     return next((one for _, marks in options_of(kind) for one in marks if isinstance(one, of)), None)
 
 
-_WORDS: dict[type, str] = {
+_WORDS: dict[Any, str] = {
     str: "text in quotation marks",
     int: "a whole number",
     float: "a number",
@@ -169,7 +172,7 @@ def describe(kind: Any) -> str:
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):
         return f"a list of items, each {describe(arguments[0])}"
-    return next((word for known, word in _WORDS.items() if known is bare), "a table")
+    return _WORDS.get(bare, "a table")
 
 
 def found(value: Any) -> str:
@@ -185,10 +188,6 @@ def suggest(word: str, known: Iterable[str]) -> str:
     """Add ``; did you mean "…"?``, or the list of known names when it is short."""
     options = sorted(known)
     # of longer words and lists the search takes longer than it helps
-    is_short = len(word) <= 256 and len(options) <= 1000
-    near = difflib.get_close_matches(word, options, n=1, cutoff=0.6) if is_short else []
-    if near:
+    if near := difflib.get_close_matches(word[:256], options[:1000], n=1):
         return f'; did you mean "{near[0]}"?'
-    if 0 < len(options) <= 12:
-        return "; known: " + ", ".join(options)
-    return ""
+    return "; known: " + ", ".join(options) if 0 < len(options) <= 12 else ""

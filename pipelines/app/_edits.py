@@ -24,7 +24,6 @@ import tomlkit.items
 from labpipe.errors import InputError
 from labpipe.workflow.fields import REFERENCE, ReferenceMark, is_gap, mark, split
 from pipelines.experiments.shared.proposals import listed
-from pipelines.session import bare_type
 
 Place = tuple[str | int, ...]
 _HEADER = re.compile(r"^[ \t]*(\[{1,2})[ \t]*([^\[\]\n]+?)[ \t]*(\]{1,2}[ \t]*(?:#.*)?)$")
@@ -150,7 +149,7 @@ def values(
     table = table if isinstance(table, dict) else {}
     for info in msgspec.structs.fields(kind):
         must = is_required and info.required
-        name, bare = info.encode_name, split(bare_type(info.type))[0]
+        name, bare = info.encode_name, split(info.type)[0]
         inner = typing.get_args(bare)[0] if typing.get_origin(bare) is list else None
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             yield from values(bare, table.get(name), (*place, name), must)
@@ -202,7 +201,7 @@ def inline(value: Any) -> str:
 
 def as_value(kind: Any, text: str) -> Any:
     """Return a typed text as TOML keeps it for a field; an unsuitable one stays a text."""
-    bare = split(bare_type(kind))[0]
+    bare = split(kind)[0]
     try:
         if any(typing.get_origin(o) is dict or hasattr(o, "__struct_fields__") for o in typing.get_args(bare)):
             # the columns of a table, or a table of numbers

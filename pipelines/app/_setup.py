@@ -30,7 +30,7 @@ from pipelines.app._edits import tree_of
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
-from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, load, remedy, template_of
+from pipelines.session import COLUMNS, SETTINGS, gap_for, in_unit, library_names, load, remedy, template_of
 
 Told = dict[str, Any]
 _LONGEST = 2000  # characters of a value
@@ -174,7 +174,7 @@ def _of_kind(texts: Mapping[str, str], name: str, to: str) -> str:
             value = next((n for n, text in texts.items() if n != FILE_NAME and tree_of(text).get("view") == view), None)
         if value is None or key in ("kind", "view"):
             continue
-        is_list = typing.get_origin(split(bare_type(of))[0]) in (list, tuple)
+        is_list = typing.get_origin(split(of)[0]) in (list, tuple)
         if is_list != isinstance(value, list):
             value = [value] if is_list else value[0]
         changes.append(((edits.EXPERIMENTS, to, *place), value))
@@ -289,7 +289,7 @@ def _fields(
         path = place[len(prefix) :]
         if path in (("kind",), ("version",)):
             continue
-        bare = split(bare_type(of))[0]
+        bare = split(of)[0]
         choices: list[str] = []
         if typing.get_origin(bare) is Literal:
             choices = [str(a).lower() if isinstance(a, bool) else str(a) for a in typing.get_args(bare)]

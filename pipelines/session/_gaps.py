@@ -1,7 +1,6 @@
 """Values that no file contains: the gaps of a session.toml, questions for them, and templates made of gaps alone."""
 
 import re
-import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -195,7 +194,7 @@ def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
 
 def gap_for(kind: Any) -> str:
     """Return the placeholder for a value of a field that is still to come."""
-    bare, _ = split(bare_type(kind))
+    bare, _ = split(kind)
     if typing.get_origin(bare) is list:
         return gap_for(typing.get_args(bare)[0])
     dimension = mark(kind, Dimension)
@@ -203,19 +202,12 @@ def gap_for(kind: Any) -> str:
     return f"{GAP} {of_unit}".strip()
 
 
-def bare_type(kind: Any) -> Any:
-    """Leave the None of an optional field away."""
-    options = [option for option in typing.get_args(kind) if option is not type(None)]
-    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
-    return options[0] if is_union and len(options) == 1 else kind
-
-
 def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
     """Yield the lines of a structure: the required fields, then, as remarks, the optional ones, then its tables."""
     tables, further = [], []
     for info in msgspec.structs.fields(kind):
         name = info.encode_name
-        bare, _ = split(bare_type(info.type))
+        bare, _ = split(info.type)
         is_list = typing.get_origin(bare) is list
         inner = typing.get_args(bare)[0] if is_list else bare
         if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
