@@ -171,7 +171,8 @@ class Checker:
         if is_of_files and isinstance(value, str) and set(value) & set("*?["):
             value = self._matching(value)
         if not isinstance(value, list):
-            example = f"; write [{found(value)}]" if isinstance(value, str) else ""
+            is_nested = typing.get_origin(split(arguments[0])[0]) in (list, tuple)
+            example = f"; write [{found(value)}]" if isinstance(value, str) and not is_nested else ""
             raise InputError(f"expected {describe(kind)}, found {found(value)}{example}")
         is_fixed = origin is tuple and arguments[-1] is not Ellipsis
         if is_fixed and len(value) != len(arguments):

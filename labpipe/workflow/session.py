@@ -199,7 +199,8 @@ def load(
     if not order and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
     own = [at for at in tables if at[0] == "experiments" or (at[0] == "variants" and at[1] not in order)]
-    own.sort(key=lambda at: order.get(str(tables[at].get("base", at[1])), len(tables)))  # variants behind their bases
+    base_of = {at: str(tables[at].get("base") if at[0] == "variants" else at[1]) for at in own}
+    own.sort(key=lambda at: order.get(base_of[at], len(order)))  # each experiment followed by its variants
     places = {str(at[1]): at for at in own}
     _check_names(document, places)
     checker = Checker(document, files, may_fill=True, parts=of_laboratory, names=places)
