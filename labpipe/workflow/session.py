@@ -271,6 +271,7 @@ def _of_laboratory(
     other = parse(path)
     _check_version(other)
     document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
+    document.problems |= other.problems
     fields = (info for kind in kinds.values() for info in fields_of(kind))
     known = {"labpipe", "defaults"} | {info.encode_name for info in fields if tables_of(info.type)}
     for key, table in other.tree.items():
