@@ -29,7 +29,7 @@ def foreign_package(names: Iterable[str]) -> str | None:
         if _MARK not in (source or ""):
             what = f"at {place} is not labpipe's" if place else "of labpipe is missing or has lost its files"
             why = "another distribution has installed or removed a package of the same name"
-            return f"the module `{name}` {what}: {why}; install labpipe again, in a separate environment"
+            return f"the module `{name}` {what}: {why}; use a separate environment for labpipe, and install it there"
     return None
 
 

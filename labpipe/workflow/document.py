@@ -104,12 +104,12 @@ def parse(path: Path, text: str | None = None) -> Document:
     return document
 
 
-_NO_VALUE = "a text stands in quotation marks, a date reads 2026-01-31, a list stands in brackets"
+_ADVICE = "a text stands in quotation marks, a date reads 2026-01-31, a list stands in brackets"
 _SYNTAX = {
     "Cannot": "a key or table is given twice ({}); remove one",
     "Illegal character '\\n'": "a text is not closed; expected a quotation mark before the line ends",
-    "Expected newline or end of document": f"expected the end of the line after a value; {_NO_VALUE}",
-    "Invalid value": f"expected a value; {_NO_VALUE}",
+    "Expected newline or end of document": f"expected the end of the line after a value; {_ADVICE}",
+    "Invalid value": f"expected a value; {_ADVICE}",
 }
 """Beginnings of messages of tomllib, and the same for a person."""
 
