@@ -119,13 +119,11 @@ class Proposal:
     """How ``init`` finds the experiments of a kind among files of some contents (:data:`instruments.CONTENTS`).
 
     ``function`` takes the :class:`Found` and the names of one instrument's files that no kind has taken yet, and yields
-    :class:`Proposed`; ``records`` returns calibration records that are missing, ``{"record:KIND": {name: text}}``, and
-    is empty when the kind needs none; ``answers`` are fields that a person is asked for, with those that are accepted.
+    :class:`Proposed`; ``answers`` are fields that a person is asked for, with those that are accepted.
     """
 
     contents: tuple[str, ...]
     function: str
-    records: str = ""
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
@@ -201,9 +199,9 @@ def derived(function: str, inputs: str) -> Derived:
     return Derived(f"{_ROOMS}{function}", tuple(inputs.split()))
 
 
-def proposal(content: str, function: str, records: str = "", **more: Any) -> Proposal:
-    """Return how ``init`` finds experiments among files of one content; functions as :func:`stage` names them."""
-    return Proposal((content,), f"{_ROOMS}{function}", records and f"{_ROOMS}{records}", **more)
+def proposal(content: str, function: str, **more: Any) -> Proposal:
+    """Return how ``init`` finds experiments among files of one content; a function as :func:`stage` names it."""
+    return Proposal((content,), f"{_ROOMS}{function}", **more)
 
 
 def judged(

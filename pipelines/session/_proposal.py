@@ -20,6 +20,7 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
 from pipelines.experiments.shared.proposals import GAP, identifier, quoted
+from pipelines.experiments.shared.record_templates import with_missing_records
 from pipelines.session._gaps import Gap, filled, template_of
 from pipelines.session._recognition import alike_unknown, recognise, unreadable
 
@@ -118,13 +119,8 @@ def draft(folder: Path, template: Iterable[str] = ()) -> Draft:
     found = recognise(folder)
     there = [n for kind, own in found.names.items() if kind.startswith("record:") for n in own]
     begun = {n: text for n in there if GAP in (text := (folder / n).read_text("utf-8"))}
-    records: dict[str, str] = {}
-    completed = dict(found.names)
-    for call in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
-        for sort, made in function(call)(found).items():
-            completed[sort] = [*completed.get(sort, []), *made]
-            records |= made
-    text, names = propose(with_fields(found, names=completed, texts=records))
+    completed = with_missing_records(found)
+    text, names = propose(completed)
     if not names:
         said = f"{folder}: no experiment is proposed"
         if not found.owners:
@@ -132,7 +128,7 @@ def draft(folder: Path, template: Iterable[str] = ()) -> Draft:
             said = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
         lines = _left_over(with_fields(found, unknown=()) if found.owners else found)
         raise UsageError("\n  ".join([said, *lines[:_MOST_LINES]]))
-    return Draft({FILE_NAME: text, **records, **begun}, [FILE_NAME, *records], names, found)
+    return Draft({FILE_NAME: text, **completed.texts, **begun}, [FILE_NAME, *completed.texts], names, found)
 
 
 def _proposals() -> list[Proposal]:

@@ -42,7 +42,6 @@ _OTHERWISE = {
 _REPEATS = (
     Repeated("drop_height", "height of the fall", "m"),
     Repeated("restitution", "first restitution", "1", of_two=0.05),
-    Repeated("fall_acceleration", G, "m/s2"),
 )
 _FAILED = record_checks.CAUSES | {
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
@@ -52,11 +51,8 @@ _FAILED = record_checks.CAUSES | {
 }
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
 TITLES = {
-    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, "direction of the fall")),
+    **fall_checks.OF_FALL,
     "stated height": Title("The measured fall equals the stated height.", (HEIGHT,)),
-    "order of the bounces": Title(
-        "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
-    ),
     "contact duration": Title("Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere.", (fall_checks.DURATION,)),
     "level at rest": Title("The floor stays in place: the body rests where it first touched.", ("level at rest",)),
     "repeats": Title("Repeats agree within their scatter.", ("repeats",)),
@@ -73,9 +69,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         dict(zip(settings.laser, found or repeat(None), strict=False)) for found in (readings, displacement, bounces)
     )
     of_traces, checks = record_checks.of_recordings(read, moved, bounced, settings, context, _FAILED)
-    values = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
-    checks += [*of_traces, *judgements.uncertainties_stated(values)]
-    checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
+    checks += [*of_traces, fall_checks.body_stated(sphere.radius.value, sphere.mass.value)]
     records = [
         (Fall(name, found, float(one.attrs["u_systematic_relative"])), one)
         for name, one in moved.items()
@@ -85,7 +79,20 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
-    of_falls = [_of_fall(fall, stiffness, settings, of_traces) for fall, _ in records]
+    gravity, of_falls = settings.model.gravity, list[list[Check]]()
+    for fall, _ in records:
+        found = [
+            fall_checks.acceleration(fall, gravity),
+            fall_checks.height(fall, settings.height),
+            fall_checks.restitution(fall),
+            fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, stiffness, gravity),
+            fall_checks.rest_level(fall),
+            fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
+        ]
+        for wrong in of_traces:  # lost rows explain their effects
+            if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
+                found = judgements.because(found, wrong.cause, *(c.name for c in found), file=fall.name)
+        of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
@@ -107,25 +114,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         measured_by=judgements.measured_by(sphere),
         alternatives=partial(of_drop, given=given, settings=settings),
     )
-
-
-def _of_fall(
-    fall: Fall, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
-) -> list[Check]:
-    """Evaluate all redundancies of one recording; lost rows explain their effects."""
-    gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
-    checks = [
-        fall_checks.acceleration(fall, gravity),
-        fall_checks.height(fall, settings.height),
-        fall_checks.restitution(fall),
-        fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
-        fall_checks.rest_level(fall),
-        fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
-    ]
-    for wrong in of_traces:
-        if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-            checks = judgements.because(checks, wrong.cause, *(c.name for c in checks), file=fall.name)
-    return checks
 
 
 def _of_their_files(

@@ -61,5 +61,5 @@ KIND = Kind(
     film="pipelines.experiments.contact_area.page:film",
     body="sphere",
     evidence=derived("contact_area.evidence:evidence", f"radius impacts other:plate_from/plate {solid_of('sphere')}"),
-    proposal=proposal("film", "contact_area.proposal:proposed", "shared.record_templates:camera_records"),
+    proposal=proposal("film", "contact_area.proposal:proposed"),
 )

@@ -54,7 +54,6 @@ _CRITERIA = {"T_peak": "maximum of tan δ", "T_drop": "steepest fall of E′"}
 
 
 def _summary(
-    context: Context,
     sweeps: xr.Dataset | None = None,
     master_curve: xr.Dataset | None = None,
     temperature_sweep: xr.Dataset | None = None,
@@ -85,24 +84,21 @@ def _summary(
         ]
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
     rows += [] if master_curve is None else [_by_shifts(master_curve)]
-    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows)))
+    return Section("Summary", [KeyValues(rows)] if rows else [])
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
     """Return the modulus of an end, relaxed or unrelaxed, as far as the data there determine it."""
     is_slow = name == "relaxed"
-    when, end = ("after an infinite time", "slow") if is_slow else ("instantaneous", "fast")
-    modulus, u = float(curve[f"{name}_modulus"]), float(curve[f"u_{name}_modulus"])
-    if np.isfinite(modulus):
+    when, end, at = ("after an infinite time", "slow", 0) if is_slow else ("instantaneous", "fast", -1)
+    if np.isfinite(float(curve[f"{name}_modulus"])):
         origin = f"{when}; standard uncertainty from extrapolating the loss at the {end} end, from noise and scale"
-        return f"{name} modulus", value_with_uncertainty(modulus, u, "Pa"), origin
-    frequency = curve["reduced_frequency"].values
-    last = quantity(
-        float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))]), "Pa", 4
-    )
-    bound, may = (f"0 to {last}", "may still fall to zero") if is_slow else (f"{last} at least", "may still rise")
+        return f"{name} modulus", pages.told(curve, f"{name}_modulus"), origin
+    order = np.argsort(curve["reduced_frequency"].values)
+    last = quantity(float(curve["master_storage"][int(order[at])]), "Pa", 4)
+    bound, may = (f"0 to {last}", "fall to zero") if is_slow else (f"{last} at least", "rise")
     series = f"the series' {quantity(float(curve[f'E_{name}']), 'Pa', 4)} is extrapolated"
-    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus {may}: {series}"
+    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus may still {may}: {series}"
 
 
 def _celsius(T: Floats) -> str:
@@ -206,12 +202,10 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
         text = f"Arrhenius, activation energy {shown('activation_energy', 1e3)} kJ/mol"
     elif law["C1"] is not None and law["C2"] is not None:
         text = f"WLF, C₁ = {shown('C1')}, C₂ = {shown('C2')} K"
-    fits = (
-        f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
-        if law["freedom"] and law["chi_square"]
-        else ""
-    )
-    return text, f"{fits}{': does not hold' * (bool(fits) and not ShiftLaw.of(law).holds)}"
+    if not law["freedom"] or not law["chi_square"]:
+        return text, ""
+    fits = f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
+    return text, fits if ShiftLaw.of(law).holds else f"{fits}: does not hold"
 
 
 def _master(master_curve: xr.Dataset) -> Section:

@@ -78,8 +78,7 @@ def evidence(
 def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], Floats]:
     """Return storage and loss with their random part, and the change of both by one deviation of the filter's delay."""
     storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
-    lags = [mach1_readings.force_lag(loads, f) for f in waves["frequency"].values.tolist()]
-    u_phase = np.array([lag.u_phase if lag else 0.0 for lag in lags])
+    u_phase = np.array([mach1_readings.force_lag(loads, f).u_phase for f in waves["frequency"].values.tolist()])
     by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
     u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
     of_gain = mach1_readings.relative_gain(loads) * np.concatenate([storage, loss])

@@ -110,15 +110,13 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
 
     def response(f: float) -> complex:
         at = mach1_readings.force_lag(loads, f)
-        return 1.0 + 0.0j if at is None else at.gain * complex(np.exp(-1j * at.phase))
+        return at.gain * complex(np.exp(-1j * at.phase))
 
     lag = mach1_readings.force_lag(loads, window.frequency)
-    passed = response if lag else None
-    fit = common_fit(time[used], position[used], force[used], window.frequency, response=passed)
+    fit = common_fit(time[used], position[used], force[used], window.frequency, response=response)
     x, f, storage, loss = fit.position, fit.force, fit.storage_stiffness, fit.loss_stiffness
-    u_filter = (lag.u_gain / lag.gain, lag.u_phase) if lag else (0.0, 0.0)
-    u_gain = float(np.hypot(u_filter[0], mach1_readings.relative_gain(loads)))
-    u_phase = float(np.hypot(fit.u_phase_lag, u_filter[1]))
+    u_gain = float(np.hypot(lag.u_gain / lag.gain, mach1_readings.relative_gain(loads)))
+    u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase))
     noise = float(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude))
     u_storage, u_loss = _u_of_stiffness(complex(storage, loss), float(np.hypot(noise, u_gain)), u_phase)
 
@@ -126,12 +124,11 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
     cycles = begin + np.arange(areas.size)[:, None] / x.frequency
     (moved, u_moved), (pushed, u_pushed) = (_fourier(time, y, cycles, x.frequency) for y in (position, force))
-    lags = [mach1_readings.force_lag(loads, n * x.frequency) for n in range(1, _WAVES + 1)]
-    gains = np.array([each.gain if each else 1.0 for each in lags])
-    pushed, u_pushed = pushed / gains, u_pushed / gains
-    turned = complex(pushed[0] / moved[0] * np.exp(1j * (lag.phase if lag else 0.0)))
+    passed = np.array([response(n * x.frequency) for n in range(1, _WAVES + 1)])
+    pushed, u_pushed = pushed / passed, u_pushed / np.abs(passed)
+    turned = complex(pushed[0] / moved[0])
     scatter = float(np.hypot(u_pushed[0] / abs(pushed[0]), u_moved[0] / abs(moved[0])))
-    u_turned = _u_of_stiffness(turned, float(np.hypot(scatter, u_gain)), float(np.hypot(scatter, u_filter[1])))
+    u_turned = _u_of_stiffness(turned, float(np.hypot(scatter, u_gain)), float(np.hypot(scatter, lag.u_phase)))
     found = {
         "frequency": (x.frequency, x.u_frequency),
         "amplitude": (x.amplitude, x.u_amplitude),
@@ -157,8 +154,8 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
         "declared_frequency": stated,
         "mean_force": f.offset,
         "mean_position": x.offset,
-        "filter_phase": lag.phase if lag else 0.0,
-        "filter_gain": lag.gain if lag else 1.0,
+        "filter_phase": lag.phase,
+        "filter_gain": lag.gain,
         "begin": begin,
         "end": end,
         "block": float(block),

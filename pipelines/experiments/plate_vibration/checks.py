@@ -16,7 +16,7 @@ from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, not
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.plate_vibration.comparison import SERIES, amplitudes, from_others, height_name, rows
+from pipelines.experiments.plate_vibration.comparison import HEIGHT, SERIES, amplitudes, from_others, rows
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
@@ -49,11 +49,7 @@ _FAILED = record_checks.CAUSES | {
     "something else that struck plate or table shortly before or after the body, a recording that ends too soon, or a "
     "sampling interval that is stated wrongly"
 }
-
-
 _STEPS = ("readings", "displacement", "ringing", "table", "plate", "comparison")
-
-
 TITLES = {
     "one plate": Title(
         "All recordings show the free ringing of one plate: one frequency and one damping.",
@@ -79,28 +75,24 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     body = settings.sphere
     of_traces, checks = record_checks.of_recordings(read, moved, {}, settings, context, _FAILED)
     checks += of_traces
-    asked = [(f"drops[{i}].height", drops.height) for i, drops in enumerate(settings.drops)]
-    asked += [] if body is None else [("sphere.radius", body.radius), ("sphere.mass", body.mass)]
-    statements = list(judgements.uncertainties_stated(asked))
     of_body = not_made("mass of the falling body", "a sphere with its mass")
-    statements.append(of_body if body is None else fall_checks.body_stated(body.radius.value, body.mass.value))
-    checks += statements
-    rings = [Fall(name, ring, 0.0) for name, ring in found.items()]
-    checks += fall_checks.repeats_agree(rings, _OF_ONE_PLATE, _ANOTHER_PLATE)
+    of_body = of_body if body is None else fall_checks.body_stated(body.radius.value, body.mass.value)
+    checks.append(of_body)
+    # what repeats share is taken out: their scatter alone is asked
+    rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
+    checks += fall_checks.repeats_agree(list(rings.values()), _OF_ONE_PLATE, _ANOTHER_PLATE)
     for drops in settings.drops:
-        # what repeats share is taken out: their scatter alone is asked
-        falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
+        falls = [rings[name] for name in drops.laser if name in rings]
         checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")
     checks.append(_of_plate(plate, settings))
     checks += _momenta(table, plate, settings)
     inputs, shared = {}, {}
     if table is not None:
         own, _ = relative_uncertainty(table, settings)
-        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
-        inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
+        shared = {SERIES.format(i + 1): Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
+        inputs = {HEIGHT.format(drops_label(drops)): drops.height for drops in settings.drops}
     # of a body that cannot be, no blow tells which height is wrong
-    is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
-    causes = list(_causes(table, plate, settings)) if is_body else []
+    causes = [] if of_body.level else list(_causes(table, plate, settings))
     if not explain(checks, causes):
         checks = [
             replace(c, cause=_STATED) if c.name.startswith(_MOMENTUM_OF) and c.level and not c.cause else c
@@ -112,12 +104,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
 def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Check:
     """Hold the plate that was found against those that there are."""
     name, body = "modal mass of the plate", settings.sphere
-    if plate is None or not np.isfinite(mass := float(plate["mass"])):
+    if plate is None or body is None or not np.isfinite(mass := float(plate["mass"])):
         return not_made(name, "a sphere, and a DMA experiment or a material of the library")
     (low, high), u = map(log, _PLATES), max(float(plate["u_mass"]) / mass, 0.01)
     text = f"the blows give a modal mass of {quantity(mass, 'kg')}"
     check = bounded(name, text, log(mass), u, at_least=low, at_most=high, is_law=False)
-    if body is not None and mass < body.mass.value:
+    if mass < body.mass.value:
         check = replace(check, level="impossible", message=f"{text}, less than what falls on it")
     cause = "lengths are in another unit than the file says, the gain or scale of the sensor is wrong, or sphere.mass "
     cause += "is in another unit than was typed"

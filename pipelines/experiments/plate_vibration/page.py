@@ -10,7 +10,7 @@ import xarray as xr
 from labpipe.report import Band, Block, LineChart, Listed, Role, Section, Series, listed
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
-from pipelines.experiments.plate_vibration.measured import NAMES, drops_label
+from pipelines.experiments.plate_vibration.measured import OF_PLATE, drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.reports import Report, budgets, summary
@@ -22,8 +22,7 @@ def _details(
     settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None
 ) -> list[tuple[str, str, str]]:
     remark = f"weighted mean of {pages.counted(int(table['n'].sum()), 'recording')}; standard uncertainty"
-    both = ("natural_frequency", "damping_ratio")
-    rows = [(NAMES[name], pages.told(table, f"plate_{name}"), remark) for name in both]
+    rows = [(title, pages.told(table, f"plate_{name}"), remark) for name, (_, title) in OF_PLATE.items()]
     if plate is not None and np.isfinite(float(plate["mass"])):
         remark = "from amplitude and simulated momentum; the uncertainty of the spheres' moduli is not included"
         rows.append(("modal mass", pages.told(plate, "mass"), remark))

@@ -9,11 +9,10 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, LinearModel, Parameter, force_evidence, lee_radok_basis
-from pipelines.experiments.relaxation.measured import find
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
+from pipelines.experiments.shared.punch_evidence import SHIFT, of_punch
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
@@ -77,9 +76,10 @@ def _of_file(
     delay = mach1_readings.filter_delay(loads)
     # the file's time (number,) at which the stage arrived from every number's ramp
     clock, time = mach1_readings.clock(loads), loads["time"].values
-    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in find(loads)]
-    at = np.array(begins)[np.nonzero(kept)[0]] + lag - delay.value
-    places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
+    first = ramps["first"].values.astype(int)
+    begins = (clock - time)[first] + ramps["end"].values
+    at = begins[np.nonzero(kept)[0]] + lag - delay.value
+    places = np.array([at - width, at + width])
     # the history of the contact, which no choice of relaxation times changes
     position = loads["position_z"].values
     told = mach1_readings.history(clock, position)
@@ -89,21 +89,17 @@ def _of_file(
         np.interp(grid, clock[told], _elastic_area(position[told] - touch - shift, geometry)) for shift in (0.0, SHIFT)
     ]
 
-    def basis(rho: Floats, area: Floats) -> tuple[Floats, Floats]:
-        """Return the basis (number, 1 + term), and the same with a delay one deviation longer."""
+    def basis(rho: Floats, area: Floats) -> Floats:
         made = lee_radok_basis(grid, area, rho, geometry.nu)
-        early, late, early_longer, late_longer = (made[row] for row in rows)
-        return 0.5 * (early + late), 0.5 * (early_longer + late_longer)
+        return np.asarray(0.5 * (made[rows[0]] + made[rows[1]]))
 
     def build(rho: Floats) -> Evidence:
-        usual, longer = basis(rho, areas[0])
-        shifts = {zero.name: (basis(rho, areas[1])[0] - usual) / SHIFT}
-        if delay.u > 0.0:
-            shifts[FILTER.name] = longer - usual
+        usual = basis(rho, areas[0])
+        shifts = {zero.name: (basis(rho, areas[1]) - usual) / SHIFT}
         factors, offsets = tuple(unknown.name for unknown in unknowns), (tare.name,)
         return force_evidence(label, lag, force, u, usual, shifts=shifts, factors=factors, offsets=offsets)
 
-    return lag, [*unknowns, zero, tare, *([FILTER] if delay.u > 0.0 else [])], build
+    return lag, [*unknowns, zero, tare], build
 
 
 def _elastic_area(depth: Floats, geometry: Geometry) -> Floats:

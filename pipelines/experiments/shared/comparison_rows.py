@@ -17,9 +17,11 @@ IMPACTS = 3
 """Impacts that are compared one by one; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
+_WORDS = ("material", "condition", "against", "slopes", "simulated")
+"""Arguments of a row that are no numbers."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
     """One comparison.
 
@@ -34,10 +36,10 @@ class Row:
     ``kept`` are results behind it that earlier code made and that were taken as they are.
     """
 
-    experiment: str
-    kind: str
-    material: str
-    condition: str
+    experiment: str = ""
+    kind: str = ""
+    material: str = ""
+    condition: str = ""
     quantity: str
     unit: str
     n: int
@@ -68,11 +70,6 @@ class Row:
             return None
         return self.difference / self.u_difference
 
-    def document(self) -> dict[str, Any]:
-        """Return the row for JSON."""
-        shown = asdict(self) | {"deviation": self.deviation, "p": self.p}
-        return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve", "simulated")}
-
     @property
     def p(self) -> float | None:
         """Probability of a larger difference, if model and uncertainties are right."""
@@ -80,20 +77,14 @@ class Row:
             return self.p_of_curve
         return None if self.deviation is None else erfc(abs(self.deviation) / sqrt(2))
 
+    def document(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        shown = asdict(self) | {"deviation": self.deviation, "p": self.p}
+        return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve", "simulated")}
 
-def row(
-    quantity: str,
-    unit: str,
-    n: int,
-    *,
-    material: str = "",
-    condition: str = "",
-    against: str = "model",
-    slopes: Mapping[str, float] | None = None,
-    simulated: tuple[str, int] | None = None,
-    **values: Any,
-) -> Row:
-    """Return a row without its experiment; values that are not finite become None.
+
+def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
+    """Return a row without its experiment; numbers that are not finite become None.
 
     A value with its standard uncertainty is given as a pair.
 
@@ -103,14 +94,13 @@ def row(
     >>> made.measured, made.u_measured, made.u_model
     (0.8, 0.1, None)
     """
+    words = {name: values.pop(name) for name in _WORDS if name in values}
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    numbers = {name: float("nan") if value is None else float(value) for name, value in values.items()}
-    plain: dict[str, Any] = {name: number if np.isfinite(number) else None for name, number in numbers.items()}
-    if plain.get("degrees_of_freedom") is not None:
-        plain["degrees_of_freedom"] = told_freedom(plain["degrees_of_freedom"])
-    where = ("", "", material, condition, quantity, unit, n, against)
-    return Row(*where, slopes=slopes or {}, simulated=simulated, **plain)
+    numbers = {name: float(value) for name, value in values.items() if value is not None and np.isfinite(value)}
+    if "degrees_of_freedom" in numbers:
+        numbers["degrees_of_freedom"] = told_freedom(numbers["degrees_of_freedom"])
+    return Row(quantity=quantity, unit=unit, n=n, **words, **numbers)
 
 
 def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
@@ -123,21 +113,24 @@ def told_freedom(value: float) -> float:
     return int(value) if value == int(value) else round(value, 1)
 
 
-_OF_CURVE = (
-    ("chi_square", "chi square of the curve, in stretches"),
-    ("degrees_of_freedom", "degrees of freedom of the curve"),
-    ("p", "probability of a larger chi square of the curve"),
-)
+_OF_CURVE = {
+    "chi2": ("chi_square", "chi square of the curve, in stretches"),
+    "degrees_of_freedom": ("degrees_of_freedom", "degrees of freedom of the curve"),
+    "p_of_curve": ("p", "probability of a larger chi square of the curve"),
+}
+"""Values of a row by which a curve agrees: the end of the name of each in a table, and its text."""
 
 
 def curve_table(dim: str | tuple[()], found: Sequence[Agreement | None], name: str = "curve") -> dict[str, Any]:
     """Return chi square, degrees of freedom and p of one curve, or of several over a dimension; NaN where unknown."""
     known = [(np.nan,) * 3 if a is None else (a.chi2, float(a.degrees_of_freedom), a.p) for a in found]
-    columns = np.array(known, float).reshape(-1, 3).T
-    return {
-        f"{name}_{key}": variable(dim, values if dim else values[0], "1", text)
-        for (key, text), values in zip(_OF_CURVE, columns, strict=True)
-    }
+    columns = zip(_OF_CURVE.values(), np.array(known, float).reshape(-1, 3).T, strict=True)
+    return {f"{name}_{key}": variable(dim, v if dim else v[0], "1", text) for (key, text), v in columns}
+
+
+def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
+    """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
+    return {key: comparison[f"{name}_{of}"] for key, (of, _) in _OF_CURVE.items()}
 
 
 def apart(measured: xr.DataArray, model: Floats) -> xr.Dataset:
@@ -152,12 +145,6 @@ def apart(measured: xr.DataArray, model: Floats) -> xr.Dataset:
         },
         coords={"time": measured["time"]},
     )
-
-
-def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
-    """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
-    keys = ("chi2", "degrees_of_freedom", "p_of_curve")
-    return {key: comparison[f"{name}_{of}"] for key, (of, _) in zip(keys, _OF_CURVE, strict=True)}
 
 
 _STRETCHES = 3  # of a fall or flight

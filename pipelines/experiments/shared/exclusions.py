@@ -102,9 +102,9 @@ def exclusion_notice(settings: Any) -> tuple[Notice, ...]:
     return (Notice("info", f"Excluded from the measurement: {text}."),)
 
 
-def notebook(settings: Any) -> Section | None:
-    """Show notes and exclusions of an experiment, in the order of their days."""
+def notebook(settings: Any) -> Section:
+    """Show notes and exclusions of an experiment, in the order of their days; no block where there are none."""
     entries = [(str(note.on), note.who, "note", note.text) for note in getattr(settings, "notes", ())]
     entries += [(str(one.on or ""), one.who, f"excluded: {one.excluded}", one.reason) for one in exclusions(settings)]
     table = Table(tuple(map(Column, ("day", "who", "entry", "text or reason"))), sorted(entries))
-    return Section("Notes and exclusions", (table,)) if entries else None
+    return Section("Notes and exclusions", [table] if entries else [])

@@ -31,27 +31,18 @@ def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
     """Leave out short runs of readings that leave a record and return to it; see :func:`labpipe.signals.outliers`."""
     made, runs = readings.copy(), {}
     for output in (str(name) for name in readings if str(name).startswith("out")):
-        state, values = output.replace("out", "status"), readings[output].values.astype(float)
-        if state in readings:
-            values = np.where(readings[state].values == 0, values, np.nan)
+        state = readings.get(output.replace("out", "status"), xr.zeros_like(readings[output], np.int8))
+        values = readings[output].where(state == 0).values.astype(float)
         flags, found = left_out(values, readings["time"].values, ends=ends)
         if found:
             runs[output] = found
-            made[output] = readings[output].copy(data=np.where(flags, np.nan, readings[output].values))
-        if found and state in readings:
-            codes = readings[state]
-            made[state] = codes.copy(data=np.where(flags, OUTLIER, codes.values).astype(codes.dtype))
+            made[output] = readings[output].where(~flags)
+            made[output.replace("out", "status")] = state.where(~flags, OUTLIER).astype(state.dtype)
     return made.assign_attrs(outliers=json.dumps(runs)) if runs else readings
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:
-    """Read one export of a laser sensor, with the statements of the session.
-
-    Raises
-    ------
-    InputError
-        The file holds a film.
-    """
+    """Read one export of a laser sensor, with the statements of the session."""
     try:
         return instruments.read_table(
             path,

@@ -14,18 +14,13 @@ INPUTS = ("input_value", "input_u", "input_unit")
 
 def table_of(given: Mapping[str, Quantity]) -> xr.Dataset:
     """Return inputs by their names as the variables :data:`INPUTS`, in SI."""
-    return xr.Dataset(
-        {
-            "input_value": variable(
-                "uncertain", [q.value for q in given.values()], "1", "value of an input of the model, SI"
-            ),
-            "input_u": variable(
-                "uncertain", [q.u for q in given.values()], "1", "standard uncertainty of an input of the model, SI"
-            ),
-            "input_unit": ("uncertain", np.array([q.si for q in given.values()], dtype=str)),
-        },
-        {"uncertain": np.array(list(given), dtype=str)},
-    )
+    value, u, unit = ([getattr(q, name) for q in given.values()] for name in ("value", "u", "si"))
+    columns = {
+        "input_value": variable("uncertain", value, "1", "value of an input of the model, SI"),
+        "input_u": variable("uncertain", u, "1", "standard uncertainty of an input of the model, SI"),
+        "input_unit": ("uncertain", np.array(unit, dtype=str)),
+    }
+    return xr.Dataset(columns, {"uncertain": np.array(list(given), dtype=str)})
 
 
 def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:

@@ -1,10 +1,7 @@
-"""The sections that every report has: calibration, ledger, warnings and errors, provenance.
-
-Sections of one kind of experiment are in its own page module.
-"""
+"""The page of an experiment, and parts of pages that several kinds share: columns, recordings, calibration."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -110,32 +107,83 @@ def remarks(context: Context) -> list[tuple[str, str, str]]:
     return [("operator", context.operator, ""), ("notes", context.notes, "")]
 
 
-def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
-    """Assemble a page that answers first.
+def document(
+    context: Context,
+    subtitle: str,
+    sections: Sequence[Section],
+    answer: Sequence[Block] = (),
+    basis: Sequence[Block] = (),
+) -> Document:
+    """Assemble a page that answers first; sections without content are left out.
 
-    The verdict comes before all else, then the one chart that shows it, the first of the kind's
-    sections; the basis of the verdict follows the key numbers, and the sections of every page
-    follow those of the kind.
+    The answer comes before all else, then the one chart that shows it, the first of the kind's sections; the basis of
+    the answer follows the key numbers, and the sections of every page follow those of the kind.
     """
-    head = (*settings_notice(context), *synthetic_notice(context), *kept_notice(context))
-    charts = (block for section in sections for block in section.blocks if isinstance(block, LineChart | ScatterChart))
-    shown = next(charts, None)
-    parts = [replace(section, blocks=tuple(b for b in section.blocks if b is not shown)) for section in sections]
-    first, *rest = (left for left, whole in zip(parts, sections, strict=True) if left.blocks or not whole.blocks)
-    n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
-    answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
-    if answer and rest:  # a verdict, and the key numbers after it
-        basis = [Section("What the verdict rests on", behind)] if behind else []
-        rest, behind = [*rest[:1], *basis, *rest[1:]], ()
-    chart = () if shown is None else (shown,)
-    opening = Section(first.title, (*answer, *head, *behind, *chart), first.anchor)
+    chart = next((b for one in sections for b in one.blocks if isinstance(b, LineChart | ScatterChart)), None)
+    own = [replace(one, blocks=[b for b in one.blocks if b is not chart]) for one in sections]
+    opening = [*answer, *_notices(context), *([] if chart is None else [chart])]
+    parts = [Section("Verdict", opening), *own[:1], Section("What the verdict rests on", basis), *own[1:]]
+    parts += [_problems(context), _ledger(context), _provenance(context)]
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
         badge=SYNTHETIC if context.synthetic else "",
         home=f"../{SESSION_PAGE}",
-        sections=(opening, *rest, problems(context), ledger(context), provenance(context)),
+        sections=tuple(part for part in parts if part.blocks),
     )
+
+
+def _notices(context: Context) -> Iterator[Block]:
+    """Say in which settings a variant differs from its base, and an experiment from the laboratory's file.
+
+    Say also that nothing was measured, and which results were made by earlier code, where that is so.
+    """
+    of_base, of_laboratory = map(settings_in_words, (context.changed, context.overrides))
+    if context.base:
+        same = f"Variant of {context.base}, with the same recordings and other settings"
+        yield Notice("info", f"{same}: {of_base}.")
+    if of_laboratory:
+        yield Notice("info", f"Other values than in the laboratory's file: {of_laboratory}.")
+    yield from synthetic_notice(context)
+    if context.kept:
+        text = "Results of earlier code were kept as they are; what follows from them may differ from what this "
+        yield Notice("warning", f"{text}version of labpipe gives. `labpipe process` makes them again.")
+        alike = dict.fromkeys(f"{kept.stage}: {kept.reason}" for kept in context.kept)
+        yield Details("Results of earlier code", text="\n".join(alike))
+
+
+def _problems(context: Context) -> Section:
+    """Name every error and warning of the steps, so that a missing section is explained; also that there are none."""
+    own = [f for f in context.failures if not f.is_consequence]
+    blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
+    if missing := ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence)):
+        blocks.append(Notice("info" if own else "error", f"Not made without what failed before: {missing}."))
+    alike: dict[tuple[str, str], list[Warned]] = {}
+    for warned in context.warnings:
+        alike.setdefault((warned.stage, warned.text), []).append(warned)
+    for (stage, text), group in alike.items():
+        names, total = ", ".join(w.recording for w in group if w.recording), sum(w.count for w in group)
+        times = f" ({total} times)" if total > len(group) else ""
+        blocks.append(Notice("warning", f"{stage}{f' [{names}]' if names else ''}: {text}{times}"))
+    return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
+
+
+def _ledger(context: Context) -> Section:
+    """Show the work done and skipped for this page, and for other experiments behind it."""
+    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
+    rows = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
+    table = Table(columns, rows, caption="Counts of work; the same for the same inputs on every machine.")
+    return folded("Processing steps", counted(len(rows), "count"), (table,))
+
+
+def _provenance(context: Context) -> Section:
+    """Show inputs with their digests, versions, and the settings."""
+    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
+    found = dict(context.provenance)
+    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
+    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
+    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
+    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
@@ -168,48 +216,6 @@ def synthetic_notice(shown: Context | Session) -> tuple[Block, ...]:
     return (Notice("warning", text),)
 
 
-def settings_notice(context: Context) -> tuple[Notice, ...]:
-    """Say in which settings a variant differs from its base, and an experiment from the laboratory's file."""
-    of_base, of_laboratory = map(settings_in_words, (context.changed, context.overrides))
-    said = f"Variant of {context.base}, with the same recordings and other settings: {of_base}." if context.base else ""
-    other = f"Other values than in the laboratory's file: {of_laboratory}." if of_laboratory else ""
-    return tuple(Notice("info", text) for text in (said, other) if text)
-
-
-def kept_notice(context: Context) -> tuple[Block, ...]:
-    """Say that results behind the page were made by earlier code and taken as they are; which, is folded."""
-    if not context.kept:
-        return ()
-    text = (
-        "Results of earlier code were kept as they are; what follows from them may differ from "
-        "what this version of labpipe gives. `labpipe process` makes them again."
-    )
-    alike = dict.fromkeys(f"{kept.stage}: {kept.reason}" for kept in context.kept)
-    return Notice("warning", text), Details("Results of earlier code", text="\n".join(alike))
-
-
-def failed_notice(context: Context) -> tuple[Notice, ...]:
-    """Name which steps gave no result, so that a missing section is explained."""
-    own = [f for f in context.failures if not f.is_consequence]
-    missing = ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence))
-    told = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
-    more = [Notice("info" if own else "error", f"Not made without what failed before: {missing}.")] if missing else []
-    return (*told, *more)
-
-
-def problems(context: Context) -> Section:
-    """Warnings and errors of every step; also when there are none."""
-    alike: dict[tuple[str, str], list[Warned]] = {}
-    for warned in context.warnings:
-        alike.setdefault((warned.stage, warned.text), []).append(warned)
-    blocks: list[Block] = list(failed_notice(context))
-    for (stage, text), group in alike.items():
-        names, total = ", ".join(w.recording for w in group if w.recording), sum(w.count for w in group)
-        times = f" ({total} times)" if total > len(group) else ""
-        blocks.append(Notice("warning", f"{stage}{f' [{names}]' if names else ''}: {text}{times}"))
-    return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
-
-
 def calibration_rows(text: str) -> KeyValues:
     """Show the calibration record and its checks."""
     checked = json.loads(text)
@@ -238,9 +244,7 @@ def raw_headers(datasets: Iterable[xr.Dataset]) -> tuple[Details, ...]:
     """Show the instruments' own headers of files, each folded away, and several folded into one."""
     texts = ((one.attrs.get("source", "the file"), str(one.attrs.get("header", "")).strip()) for one in datasets)
     headers = tuple(Details(f"Raw header of {source}", text=text) for source, text in texts if text)
-    if len(headers) < 2:
-        return headers
-    return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
+    return headers if len(headers) < 2 else (Details(f"Raw headers of {len(headers)} files", headers),)
 
 
 def recordings(settings: Any, context: Context, readings: Any = None, displacement: Any = None) -> Section:
@@ -280,29 +284,6 @@ def recordings(settings: Any, context: Context, readings: Any = None, displaceme
         blocks += [calibration_rows(attrs["calibration"]), KeyValues(known), *budget]
     title = "What was measured, and its calibration"
     return folded(title, "Files, readings and calibration record", (*blocks, *raw_headers(read)))
-
-
-def ledger(context: Context) -> Section:
-    """Show the work done and skipped for this page."""
-    # the experiment is named where others count too, such as the DMA behind a drop
-    left = len({row.experiment for row in context.ledger}) < 2
-    counts = [
-        (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[left:]
-        for row in context.ledger
-    ]
-    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))[left:]
-    table = Table(columns, counts, caption="Counts of work; the same for the same inputs on every machine.")
-    return folded("Processing steps", counted(len(counts), "count"), (table,))
-
-
-def provenance(context: Context) -> Section:
-    """Show inputs with their digests, versions, and the settings."""
-    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
-    found = dict(context.provenance)
-    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
-    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
-    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
-    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
 
 
 def limits_of(model: xr.Dataset) -> tuple[Block, ...]:

@@ -4,6 +4,7 @@ import json
 import tomllib
 import warnings
 from collections.abc import Callable, Container, Sequence
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -48,50 +49,38 @@ _TEMPLATES = {
 _NONE = f"calibration/{GAP}.toml"
 
 
-def laser_records(found: Found) -> dict[str, dict[str, str]]:
-    """Propose a record for a laser whose readings came without one.
+def with_missing_records(found: Found) -> Found:
+    """Return a scan with records for a laser whose readings came without one, and for each view that is filmed so.
 
-    By kind of record (``record:laser``) they are names and texts of files; nothing that would replace a file.
+    They are ``texts`` by names that replace no file, valid on the days of the recordings.
     """
-    if not found.of("displacement") or found.of("record:laser"):
-        return {}
-    return {"record:laser": dict([blank_record(found.folder, "laser", "", found.of("displacement"), ())])}
-
-
-def camera_records(found: Found) -> dict[str, dict[str, str]]:
-    """Propose a record for each view and day that is filmed and has none, as :func:`laser_records`.
-
-    A camera that was set up again on another day has another scale.
-    """
-    films: dict[str, dict[tuple[date, ...], list[str]]] = {}
+    wanted = {("laser", ""): found.of("displacement")} if not found.of("record:laser") else {}
     for film in found.of("film"):
-        days = tuple(_about(found.folder, [film])[1])
-        if _fitting(found, found.of("record:camera"), days, view(film)) is None:
-            films.setdefault(view(film), {}).setdefault(days, []).append(film)
-    made: dict[str, str] = {}
-    for seen, by_day in sorted(films.items()):
-        for days, recordings in sorted(by_day.items()):
-            stem = "_".join([seen, *map(str, days)] if len(by_day) > 1 else [seen])
-            made |= dict([blank_record(found.folder, "camera", seen, recordings[:1], (), f"camera_{stem}")])
-    return {"record:camera": made} if made else {}
+        seen = view(film)
+        if _fitting(found, found.of("record:camera"), _about(found.folder, [film])[1], seen) is None:
+            wanted.setdefault(("camera", seen), []).append(film)
+    names, texts = dict(found.names), dict[str, str]()
+    for (kind, seen), recordings in sorted(wanted.items()):
+        if recordings:
+            name, text = blank_record(found.folder, kind, seen, recordings, texts)
+            texts[name] = text
+            names[f"record:{kind}"] = [*names.get(f"record:{kind}", []), name]
+    return replace(found, names=names, texts=texts)
 
 
-def blank_record(
-    folder: Path, kind: str, view: str, recordings: list[str], taken: Container[str], stem: str = ""
-) -> tuple[str, str]:
+def blank_record(folder: Path, kind: str, view: str, recordings: list[str], taken: Container[str]) -> tuple[str, str]:
     """Return name and text of a new record of a laser, load cell, or view of a camera, for the days of recordings.
 
-    It takes the place of no file, nor of one of the names ``taken``; ``stem`` is the name that it takes where it can.
-    Raises InputError for another kind.
+    It takes the place of no file, nor of one of the names ``taken``. Raises InputError for another kind.
     """
     if kind not in _TEMPLATES:
         raise InputError(f'a record of kind "{kind}" is written by hand: the guide says how, For the experimenter')
     (usual, how, values), (model, days) = _TEMPLATES[kind], _about(folder, recordings)
     seen = identifier(view) if kind == "camera" else ""
-    stem = stem or "_".join(filter(None, (kind, seen)))
-    name, number = f"calibration/{stem}.toml", 2
-    while (folder / name).exists() or name in taken:
-        name, number = f"calibration/{stem}_{number}.toml", number + 1
+    stem = name = "_".join(filter(None, (f"calibration/{kind}", seen)))
+    number = 2
+    while (folder / f"{name}.toml").exists() or f"{name}.toml" in taken:
+        name, number = f"{stem}_{number}", number + 1
     first, last = (min(days), max(days)) if days else (f'"{GAP}"', f'"{GAP}"')
     text = _HEAD.format(
         kind=kind,
@@ -103,7 +92,7 @@ def blank_record(
         gap=GAP,
         how=how,
     )
-    return name, text + values
+    return f"{name}.toml", text + values
 
 
 def laser_record(found: Found, recording: str, fits: Callable[[str], bool] = lambda name: True) -> str:

@@ -15,7 +15,7 @@ from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exclusions import exclusion_notice, notebook
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import verdict_blocks
-from pipelines.experiments.shared.pages import document, failed_notice
+from pipelines.experiments.shared.pages import document
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,10 @@ class Report:
         known = dict(zip(self.shown, results, strict=True))
         known |= {n: None for n, counts in self.counts.items() if known[n] is not None and not counts(known[n])}
         given = Given(**known, settings=settings, context=context)
-        sections = given.each(self.sections)
-        if verdict := verdict_blocks(judgement, given.each([self.rows] if self.rows else [])):
-            sections.insert(0, Section("Verdict", (*verdict[:1], *exclusion_notice(settings), *verdict[1:])))
-        sections += filter(None, [notebook(settings)])
+        answer, *basis = verdict_blocks(judgement, given.each([self.rows] if self.rows else []))
+        sections = [*given.each(self.sections), notebook(settings)]
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
-        return document(context, subtitle, sections).render()
+        return document(context, subtitle, sections, (answer, *exclusion_notice(settings)), basis).render()
 
 
 def summary(
@@ -67,7 +65,7 @@ def summary(
             blocks.append(Details(f"All {len(compared)} compared values", [table]) if is_long else table)
         elif not context.failures:
             blocks.append(Notice("info", "There is nothing to compare with."))
-        return Section("Summary", (*blocks, *failed_notice(context)))
+        return Section("Summary", blocks)
 
     return section
 

@@ -2,51 +2,29 @@
 
 from labpipe.schema import Schema, Variable
 
-_TIME = ("time",)
-_IMPACT = ("impact",)
 
-
-def _over_impact(*names: tuple[str, str]) -> dict[str, Variable]:
-    """Return variables over ``impact``, each with its uncertainty."""
-    table = {name: Variable(_IMPACT, units) for name, units in names}
-    return table | {f"u_{name}": Variable(_IMPACT, units) for name, units in names}
+def _over(dim: str, units: dict[str, str], *, has_u: bool = True) -> dict[str, Variable]:
+    """Return variables over a dimension, or single numbers, each with its uncertainty where there is one."""
+    dims = (dim,) if dim else ()
+    return {f"{u}{n}": Variable(dims, unit) for n, unit in units.items() for u in (("", "u_") if has_u else ("",))}
 
 
 DISPLACEMENT = Schema(
     "displacement",
-    {
-        "displacement": Variable(_TIME, "m"),
-        "u_displacement": Variable(_TIME, "m"),
-        "displacement_raw": Variable(_TIME, "m"),
-        "inclination": Variable((), "rad"),
-        "u_inclination": Variable((), "rad"),
-    },
+    _over("time", {"displacement": "m"})
+    | _over("time", {"displacement_raw": "m"}, has_u=False)
+    | _over("", {"inclination": "rad"}),
 )
 """Displacement by a laser, corrected for its inclination."""
 
-VELOCITY = Schema("velocity", {"velocity": Variable(_TIME, "m/s"), "u_velocity": Variable(_TIME, "m/s")})
+VELOCITY = Schema("velocity", _over("time", {"velocity": "m/s"}))
 
-BOUNCES = Schema(
-    "bounces",
-    _over_impact(
-        ("touch_time", "s"),
-        ("liftoff_time", "s"),
-        ("incoming_speed", "m/s"),
-        ("outgoing_speed", "m/s"),
-        ("restitution", "1"),
-    ),
-)
+_EVENTS = {"touch_time": "s", "liftoff_time": "s", "incoming_speed": "m/s", "outgoing_speed": "m/s", "restitution": "1"}
+BOUNCES = Schema("bounces", _over("impact", _EVENTS))
 """The events of one drop."""
 
+_MOTION = {"displacement": "m", "velocity": "m/s", "force": "N", "contact_radius": "m"}
 DROP = Schema(
-    "drop",
-    {
-        "displacement": Variable(_TIME, "m"),
-        "velocity": Variable(_TIME, "m/s"),
-        "force": Variable(_TIME, "N"),
-        "contact_radius": Variable(_TIME, "m"),
-        "restitution": Variable(_IMPACT, "1"),
-        "impact_time": Variable(_IMPACT, "s"),
-    },
+    "drop", _over("time", _MOTION, has_u=False) | _over("impact", {"restitution": "1", "impact_time": "s"}, has_u=False)
 )
 """A simulated drop."""

@@ -2,23 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot, log, nan, sqrt
+from math import hypot, log, sqrt
 
 import numpy as np
 import xarray as xr
 
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, fitted_errors, in_words, not_made, stated, too_large
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, record_checks
-from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, Title, line_of
+from pipelines.experiments.shared.judgements import Scene, Title
+from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
 from pipelines.experiments.static_loading.load_steps import SIDE, clear_steps, creep_design, creep_fit, settled, valid
-from pipelines.experiments.static_loading.model import of_material
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 MATERIAL = "approach against the material"
@@ -26,7 +25,6 @@ _SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be
 _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
 _OTHER_GRADE, _NO_GRADE = 3.0, 30.0  # factors between moduli of one polymer that are much, that are too much
 _DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
-_SAME = 0.1  # by which the times of the loads may scatter about one factor
 _ROWS, _FREE, _LEFT = 240, 1e4, 0.3
 """Readings that are enough to distinguish mistakes; noises by which the fit is free; part of the misfit that a mistake
 may leave."""
@@ -48,14 +46,13 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, context: Context) -> Scene:
     """Judge one static loading; a step without a result is judged by its error."""
     readings, displacement = given.get("readings"), given.get("displacement")
-    checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
+    failed = judgements.failed_steps(context, _FAILED)
+    checks = [record_checks.placed(check, settings.calibration, settings.laser) for check in failed]
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
         checks.append(not_made("readings", "readings of a length"))
     else:
         checks += [of(trace) for of in (record_checks.unread, record_checks.repeated_rows, record_checks.resolution)]
-    masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
-    checks += judgements.uncertainties_stated([("sphere.radius", settings.sphere.radius), *masses])
     checks += record_checks.of_record({settings.laser: displacement}, settings.calibration)
     checks += given.each((_unstated, _misfit, _of_material))
     relative = 0.0 if displacement is None else float(displacement.attrs["u_systematic_relative"])
@@ -67,38 +64,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
         DRIFT: Quantity(0.0, settings.steps.drift.value, "m"),
         MODULUS: Quantity(1.0, 0.0, "1"),
         LOADS: Quantity(1.0, 0.0, "1"),
-    } | {name: one for name, (one, _) in of_material(given.get("model")).items()}
+    } | inputs_of(given.get("model"))
     known_by = judgements.measured_by(settings.sphere)
     return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
-
-
-def _explained(
-    failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset | None, settings: StaticLoading
-) -> Check:
-    """Give a step that failed its place; where the steps of the record are not those of the loads, say why."""
-    failed = record_checks.placed(failed, settings.calibration, settings.laser)
-    if failed.name != "step steps" or not failed.is_made or displacement is None or readings is None:
-        return failed
-    at, _ = clear_steps(displacement)
-    stated_at = np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
-    ratios = at / stated_at if at.size == stated_at.size else np.full(1, nan)
-    ratios = ratios[np.isfinite(ratios)]
-    factor = float(np.median(ratios)) if ratios.size and np.ptp(np.log(ratios)) <= _SAME else nan
-    if not np.isfinite(factor):
-        times = ", ".join(f"{t:.0f}" for t in at)
-        cause = f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states "
-        cause += f"{stated_at.size} loads after the first: one is left out or too many, a time is wrong, or "
-        return replace(failed, cause=f"{cause}sensor.direction has the wrong sign", setting="loads")
-    if min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
-        cause = f"the times of the loads are {in_words(factor)} times too short: seconds and minutes were probably "
-        return replace(failed, cause=f"{cause}exchanged", setting="loads")
-    interval = float(readings.attrs.get("sampling_interval", nan))
-    cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
-    cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
-    if settings.keyence.cycle is not None:
-        return replace(failed, cause=cause, file="", setting="keyence.cycle")
-    line = line_of(str(readings.attrs.get("header", "")), "cycle", "period", "周期")
-    return replace(failed, cause=cause, file=settings.laser, line=line)
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -115,10 +83,10 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
         f"{settings.laser}: the readings step by {quantity(float(sizes[worst]), 'm')} at {at[worst]:.0f} s, where no "
         f"load is stated; the smallest step of a load is {quantity(least, 'm')}"
     )
-    if sizes[worst] < _SMALL_STEP * least:
-        return stated(name, text, "doubtful", cause="the stand or the sensor was knocked", setting="loads")
-    cause = f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
-    return stated(name, text, "impossible", cause=f"{cause}steps; or the stand was knocked", setting="loads")
+    level: Level = "doubtful" if sizes[worst] < _SMALL_STEP * least else "impossible"
+    missing = f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
+    cause = f"{missing}steps; or " * (level == "impossible") + "the stand or the sensor was knocked"
+    return stated(name, text, level, cause=cause, setting="loads")
 
 
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -196,7 +164,7 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
     length = f"the unit, the display factor or the gain of {settings.laser} is not what it says"
 
     def of_radius(k: float) -> str:
-        typed = " (the diameter was typed)" * (abs(log(0.5 * k)) < _SAME)
+        typed = " (the diameter was typed)" * (abs(log(0.5 * k)) < 0.1)
         other = f"the material is {in_words(max(k, 1 / k) ** 0.5, 2)} times {'softer' if k > 1.0 else 'stiffer'}"
         right = f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}{typed}"
         return f"{right}; or {other} than the one that is named"

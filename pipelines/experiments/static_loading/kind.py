@@ -47,8 +47,8 @@ KIND = Kind(
     stages=_STAGES,
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
-    rows=derived("static_loading.comparison:rows", "comparison approach model"),
+    rows=derived("static_loading.comparison:rows", "comparison approach"),
     budget=derived("static_loading.budget:quantities", "displacement steps approach model"),
     body="sphere",
-    proposal=proposal("displacement", "static_loading.proposal:proposed", "shared.record_templates:laser_records"),
+    proposal=proposal("displacement", "static_loading.proposal:proposed"),
 )

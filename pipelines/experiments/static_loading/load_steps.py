@@ -126,9 +126,11 @@ def _starts(displacement: xr.Dataset, settings: StaticLoading) -> tuple[Floats, 
             inside = free & (np.abs(at - load.time.value) <= search)
             where = f"within {search:g} s of {load.time.value:g} s"
         if not inside.any():
+            times = ", ".join(f"{t:.0f}" for t in clear_steps(displacement)[0])
             raise InputError(
-                f"no step of the displacement was found {where} for the load {load.mass.value:g} kg; check times and "
-                "number of the loads, and the sensor's direction"
+                f"no step of the displacement was found {where} for the load {load.mass.value:g} kg: the record steps "
+                f"{f'at {times} s' if times else 'nowhere'}; check times and number of the loads, the sampling "
+                "interval, and the sensor's direction"
             )
         best = int(np.argmax(np.where(inside, jump, -np.inf)))
         starts.append(float(at[best]))

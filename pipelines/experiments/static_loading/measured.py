@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.judging import stretch_means
 from labpipe.units import Quantity
-from labpipe.variables import from_rows, variable, with_u
+from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.shared.exclusions import without_readings
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
@@ -45,13 +46,6 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading)
     return moved
 
 
-_LEVELS = {
-    "level_approach": ("m", "approach at the end of the load"),
-    "level_contact_radius": ("m", "contact radius at the end of the load, from the approach"),
-    "creep": ("m", "growth of the approach under the load, first to last window"),
-}
-
-
 def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     """Return approach and contact radius over time, and their levels and creep under each load."""
     time, moved = valid(displacement)
@@ -59,29 +53,23 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     radius, relative = settings.sphere.radius, float(displacement.attrs["u_systematic_relative"])
     noise, wander = float(steps["noise"]), settings.steps.drift.value * time / float(time[-1])
     u_depth = np.sqrt(float(steps["u_touch"]) ** 2 + (relative * depth) ** 2 + wander**2)
-    rows: list[dict[str, float]] = []
-    for span in spans(steps):
-        first, last = windows(time, span, settings)
-        level = float(depth[last].mean())
-        u_level = float(np.hypot(noise / np.sqrt(last.sum()), u_depth[last].mean()))
-        creep = level - float(depth[first].mean())
-        drifted = float(wander[last].mean() - wander[first].mean())
-        u_creep = np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + drifted**2)
-        a_level, u_a = map(float, _radius(level, u_level, radius))
-        row = {"level_approach": level, "u_level_approach": u_level, "creep": creep, "u_creep": float(u_creep)}
-        row |= {"level_contact_radius": a_level, "u_level_contact_radius": u_a}
-        rows.append(row)
+    first, last = zip(*(windows(time, span, settings) for span in spans(steps)), strict=True)
+    level, u_mean, after = stretch_means([depth, u_depth, wander], last)
+    start, before = stretch_means([depth, wander], first)
+    few, many = (1.0 / np.sum(window, axis=1) for window in (first, last))
+    creep, u_level = level - start, np.hypot(noise * np.sqrt(many), u_mean)
+    u_creep = np.sqrt(noise**2 * (few + many) + (relative * creep) ** 2 + (after - before) ** 2)
     u_each = np.hypot(u_depth, noise)
+    radii = _radius(depth, u_each, radius), _radius(level, u_level, radius)
+    text, kept = "growth of the approach under the load, first to last window", settled(time, steps, settings)
     table: dict[str, Any] = {
         **with_u("approach", "time", depth, u_each, "m", "approach from first touch"),
-        **with_u(
-            "contact_radius", "time", *_radius(depth, u_each, radius), "m", "contact radius, root of R times approach"
-        ),
-        "is_settled": variable(
-            "time", settled(time, steps, settings), "1", "whether the reading is away from every load step"
-        ),
+        **with_u("contact_radius", "time", *radii[0], "m", "contact radius, root of R times approach"),
+        "is_settled": variable("time", kept, "1", "whether the reading is away from every load step"),
+        **with_u("level_approach", "load", level, u_level, "m", "approach at the end of the load"),
+        **with_u("level_contact_radius", "load", *radii[1], "m", "contact radius at the end of the load"),
+        **with_u("creep", "load", creep, u_creep, "m", text),
     }
-    table |= from_rows("load", rows, _LEVELS)
     return xr.Dataset(table, {"time": variable("time", time, "s", "time from the first point"), "load": steps["load"]})
 
 

@@ -34,7 +34,6 @@ from pipelines.experiments.shared.judgements._usual import (
     line_of as line_of,
     stated_wrongly as stated_wrongly,
     times_over as times_over,
-    uncertainties_stated as uncertainties_stated,
     wrong_interval as wrong_interval,
     wrong_lengths as wrong_lengths,
     wrong_scale as wrong_scale,

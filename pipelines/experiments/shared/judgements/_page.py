@@ -16,6 +16,7 @@ from labpipe.report import (
     Notice,
     Paragraph,
     Table,
+    difference_unit,
     quantity,
     shown_source,
     value_with_uncertainty,
@@ -84,14 +85,9 @@ def counted_from_one(setting: str) -> str:
     return f"{listed[3]} of {item}" if listed[3] else item
 
 
-def of_error(unit: str) -> str:
-    """Return the unit of an error of a value in some unit: a difference of temperatures is one in kelvin."""
-    return "K" if unit == "degC" else unit
-
-
+of_error = difference_unit
 VERDICT = "verdict"
 """Anchor of the verdict on a page."""
-_FAR_WARMER = 100.0  # K, an error of a temperature beyond which a comparison is insensitive to it
 _BESIDE = {
     "agrees": "The {} agrees all the same.",
     "differs": "The {} differs, which may follow from it.",
@@ -155,23 +151,46 @@ def _compared(row: Row, among: Sequence[Row]) -> str:
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
-    """Return the opening of a page: the sentence, the checks, and the errors that they could have shown."""
+    """Return the opening of a page: the sentence; then the findings, the errors that would have shown, and the checks.
+
+    The checks are a row each; folded away are their results for each recording and each stated value.
+    """
     if result is None:
-        return ()
+        return (Notice("warning", "There is no verdict: the checks gave no result.", VERDICT),)
     judged = believed(result)
     level, text = sentence(result, rows)
     blocks: list[Block] = [Notice(level, with_minus(text), VERDICT)]  # type: ignore[arg-type]
     if exact := json.loads(result.attrs.get("exact", "[]")):
         blocks.append(Paragraph(f"Counted as exact, since stated without ±: {', '.join(exact)}."))
+
+    def table(heads: Sequence[str], cells: Iterable[tuple[str, ...]], caption: str = "") -> Table:
+        return Table(tuple(map(Column, heads)), [tuple(map(with_minus, row)) for row in cells], caption)
+
     if judged.findings:
-        cells = [
-            (f.level, f.check, with_minus(f.message), with_minus(f.cause), written_place(f)) for f in judged.findings
-        ]
-        titles = ("level", "check", "observation", "probable cause", "file and line")
-        blocks.append(Table(tuple(map(Column, titles)), cells))
+        cells = ((f.level, f.check, f.message, f.cause, written_place(f)) for f in judged.findings)
+        blocks.append(table(("level", "check", "observation", "probable cause", "file and line"), cells))
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
-    return (*blocks, *_checked(judged))
+    titled = [(capitalised(row.title), row) for row in judged.rows]
+    checks = [(title, row.summary, _seen(row.worst), row.law) for title, row in titled]
+    evaluations = [
+        (
+            title,
+            one.name,
+            one.level or ("passed" if one.is_made else "not made"),
+            f"{one.margin:+z.1f} u" if isfinite(one.margin) else "",
+            _seen(one),
+        )
+        for title, row in titled
+        for one in row.evaluations
+    ]
+    blocks.append(table(("check", "result", "largest deviation", "principle"), checks, "Checks of the record."))
+    whole = table(("check", "quantity", "result", "margin", "observation"), evaluations)
+    return (*blocks, Details(f"Results of the {len(judged.checks)} evaluations", [whole]))
+
+
+def _seen(check: Check) -> str:
+    return check.message or f"requires {check.needs}"
 
 
 def written_place(finding: Finding) -> str:
@@ -190,37 +209,18 @@ def noticed(result: xr.Dataset) -> str:
     """
     units, between = json.loads(result.attrs["units"]), f"{TIED}· "
     values = (result[name].values.tolist() for name in ("detectable", "detectable_error", "input"))
-    parts, none = [], []
+    shown, none = [], []
     for relative, error, name, unit in sorted(zip(*values, units, strict=True), key=lambda one: (isnan(one[0]), one)):
-        size = f"{in_words(100 * relative, 2)} %" if relative < 1.0 else ""
-        if isnan(relative) and isfinite(error) and not (unit == "degC" and error > _FAR_WARMER):
-            size = quantity(error, of_error(unit))  # of an input that is 0, such as a position, or a temperature
-        parts += [f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}"] if size else []
-        none += [] if size else [shown_source(name)]
-    said = f"Errors that would have shown: {between.join(parts) or f'none below 100{TIED}%'}."
-    if not (none and parts):
+        # an input that is 0, such as a position, has no share, nor has a temperature in °C
+        size = quantity(error, of_error(unit)) if isnan(relative) else f"{in_words(100 * relative, 2)} %"
+        if isfinite(error) and not relative >= 1.0:
+            shown.append(f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}")
+        else:
+            none.append(shown_source(name))
+    said = f"Errors that would have shown: {between.join(shown) or f'none below 100{TIED}%'}."
+    if not (none and shown):
         return said
     return f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
-
-
-def _checked(judged: Judgement) -> tuple[Block, Block]:
-    """List the checks, one row for each; and, folded away, their results for each recording and each stated value."""
-
-    def seen(one: Check) -> str:
-        return with_minus(one.message or f"requires {one.needs}")
-
-    checks, evaluations = [], []
-    for row in judged.rows:
-        title = capitalised(row.title)
-        checks.append((title, row.summary, seen(row.worst), row.law))
-        for one in row.evaluations:
-            answer = one.level or ("passed" if one.is_made else "not made")
-            margin = with_minus(f"{one.margin:+z.1f} u") if isfinite(one.margin) else ""
-            evaluations.append((title, one.name, answer, margin, seen(one)))
-    heads = ("check", "result", "largest deviation", "principle")
-    table = Table(tuple(map(Column, heads)), checks, caption="Checks of the record.")
-    whole = Table(tuple(map(Column, ("check", "quantity", "result", "margin", "observation"))), evaluations)
-    return table, Details(f"Results of the {len(judged.checks)} evaluations", blocks=(whole,))
 
 
 def believed(result: xr.Dataset) -> Judgement:

@@ -1,7 +1,7 @@
 """Checks and causes that several kinds have in common: failed steps, stated values, days, intervals, scales."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date, timedelta
 from math import inf, log
@@ -16,11 +16,11 @@ from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_la
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import counted_from_one
 
-_LARGE, _VAGUE = 0.2, 0.05
-"""Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a typing error."""
+_LARGE = 1 / 3  # of a stated value, beyond which its uncertainty is doubtful
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
     errors.NO_MATERIAL: "the name of the material is misspelt",
@@ -49,17 +49,15 @@ _TILTED = 0.94
 """Factor by which a camera that is tilted by 20 degrees shortens lengths."""
 
 
-def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
-    """Compare stated uncertainties, each with its setting, with the values to which they belong."""
-    for setting, value in given:
-        named, share = counted_from_one(setting), value.u / abs(value.value) if value.value else 0.0
-        text = f"{named} is stated as {value_with_uncertainty(value.value, value.u, value.si)}"
-        text += "" if value.u else ", without ±"
-        level: Level | None = "doubtful" if share > _LARGE else "note" if share > _VAGUE else None
-        cause = f"{named} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
-        if level == "doubtful":
+def uncertainties_stated(settings: Any) -> Iterator[Check]:
+    """Compare the stated uncertainties of positive quantities with their values."""
+    for setting, value, kind in every_setting(settings):
+        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+        if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
+            text = f"{counted_from_one(setting)} is stated as {value_with_uncertainty(*value)}"
+            level: Level | None = "doubtful" if value.u > _LARGE * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
-        yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
+            yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
