@@ -205,13 +205,15 @@ def si(given: Measure, unit_of: str, name: str) -> float:
     first = unit_of.partition(" or ")[0]
     usual = {"m": "9.5 mm", "kg": "505 g", "s": "0.5 s", "Pa": "3.2 GPa", "degC": "39 °C"}.get(first, f"1 {first}")
     expected = f'expected a number in {unit_of}, or a text with a unit such as "{usual}"'
+    if not isinstance(given, str | Quantity):
+        try:
+            return float(given)
+        except (TypeError, ValueError):
+            raise InputError(f"{name}: {expected}; found {type(given).__name__}") from None
     try:
-        parsed = quantity(given) if isinstance(given, str) else given
-        value, _, found = parsed if isinstance(parsed, Quantity) else (float(parsed), 0.0, first)
+        value, _, found = quantity(given) if isinstance(given, str) else given
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: {expected}; found {type(given).__name__}") from None
     if found not in unit_of.split(" or "):
         text = f'"{given}"' if isinstance(given, str) else f"{value:g} {found}"
         raise InputError(f"{name}: {text} {'has no unit' if found == '1' else f'is in {found}'}; {expected}")
