@@ -79,7 +79,7 @@ class Checker:
         return _BAD
 
     def value(self, kind: Any, value: Any, place: Place, below: Sequence[Layer] = (), name: Place = ()) -> Any:
-        """Convert a value to the type of its field; a table lies over those ``below`` it, the uppermost first.
+        """Convert a value to the type of its field; a table is laid over those ``below`` it, the uppermost first.
 
         ``place`` is where it was written, ``name`` that of the setting.
         """
@@ -143,7 +143,7 @@ class Checker:
         return _BAD if any(item is _BAD for item in converted.values()) else kind(**converted)
 
     def _with_part(self, info: Any, at: Place, value: Any) -> list[Layer]:
-        """Return a value, or the table of the laboratory's file that it names, below what it changes of it."""
+        """Return a value; of one that names a table of the laboratory's file, its changes to that, and the table."""
         name = value.get("from") if isinstance(value, dict) else value
         kinds = [kind for kind, _ in fields.options_of(info.type)] if info is not None and self.parts else []
         if not isinstance(name, str) or not any(map(is_table, kinds)):
@@ -252,8 +252,8 @@ def _quantity(kind: Any, si: str, value: Any) -> Quantity:
     if parsed is not None:
         if parsed.si == si and math.isfinite(parsed.value) and math.isfinite(parsed.u):
             return parsed
-        what = "is not finite" if parsed.si == si else "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
-        why = f", which {what}"
+        is_other = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
+        why = f", which {'is not finite' if parsed.si == si else is_other}"
     raise InputError(f"expected {describe(kind)}, found {found(value)}{why}")
 
 

@@ -17,7 +17,7 @@ from labpipe.errors import NO_INPUT, InputError
 
 
 class LedgerRow(NamedTuple):
-    """One count of one stage, summed over its recordings; ``skipped`` is what its total has beyond it, if known."""
+    """One count of one stage, summed over its recordings; ``skipped`` is the rest of its total, where that is known."""
 
     experiment: str
     stage: str

@@ -287,7 +287,7 @@ def _experiment(
 ) -> Experiment | None:
     """Convert the tables of an experiment, and report its mistakes; None where there are some.
 
-    A variant lies over its base, and that over the defaults of its kind and those of the laboratory.
+    A variant is laid over its base, and that over the defaults of its kind and those of the laboratory.
     """
     document, layers, own = checker.document, dict[Place, dict[str, Any]](), place
     if place[0] == "variants":
