@@ -38,7 +38,7 @@ def counts(work: Any) -> dict[str, float | int]:
     {'frames_read': 10, 'frames_total': 100}
     """
     try:
-        text = work if isinstance(work, str) else json.dumps(work or {}, allow_nan=False)
+        text = work if isinstance(work, str) else json.dumps(work or {}, allow_nan=False, default=int)  # of NumPy
         found = msgspec.json.decode(text, type=dict[str, int | float])
     except (msgspec.DecodeError, ValueError, TypeError):
         raise InputError(f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}') from None
