@@ -117,6 +117,7 @@ class Checker:
         raise InputError(f"expected {' or '.join(map(describe, options))}, found {found(value)}")
 
     def _structure(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
+        """Convert a table, and report its unknown and missing keys."""
         if not isinstance(value, dict):
             raise InputError(f"expected a table, found {found(value)}")
         known = {f.encode_name: f for f in fields.fields_of(kind)}
