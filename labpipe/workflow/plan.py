@@ -18,7 +18,7 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.code import behind
 from labpipe.workflow.exclusions import EXCLUDE
-from labpipe.workflow.fields import show, suggest
+from labpipe.workflow.fields import suggest
 from labpipe.workflow.graph import Stage, Stages, Task, TaskId, ancestors, spell_out
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Last, Store, key_of, last_seconds
@@ -378,6 +378,6 @@ def _facts(ingredients: Mapping[str, Any]) -> dict[str, Any]:
 def _shown(value: Any) -> str:
     """Write a parameter for people; a quantity is stored as value, uncertainty, SI unit."""
     if isinstance(value, list) and [type(part) for part in value] == [float, float, str]:
-        return show(Quantity(*value))
+        return str(Quantity(*value))
     text = "none" if value is None else value if isinstance(value, str) else files.canonical(value)
     return text if len(text) <= 60 else text[:60] + "…"

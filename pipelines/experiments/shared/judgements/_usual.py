@@ -16,7 +16,7 @@ from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_la
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import counted_from_one
 
@@ -52,7 +52,7 @@ _TILTED = 0.94
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
     """Compare the stated uncertainties of positive quantities with their values."""
     for setting, value, kind in every_setting(settings):
-        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+        is_positive = mark(kind, Range) == POSITIVE
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
             text = f"{counted_from_one(setting)} is stated as {value_with_uncertainty(*value)}"
             level: Level | None = "doubtful" if value.u > _LARGE * value.value else None
