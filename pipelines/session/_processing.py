@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -250,7 +251,7 @@ def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes:
 
     Where processes have worked, one more of them writes it, which has NumPy loaded.
     """
-    from labpipe.workflow.engines import Call, Died, elsewhere
+    from labpipe.workflow.engines import Died, elsewhere
 
     if session.variants:
         from pipelines.session._comparison import write_variants
@@ -261,9 +262,8 @@ def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes:
 
         verdicts_of(done)
     if has_processes and any(outcome.state == "done" for outcome in done.outcomes):
-        whole = replace(session, root=session.root.absolute())
         with contextlib.suppress(Died):
-            elsewhere(Call(f"{write_overview.__module__}:{write_overview.__name__}", (whole, STAGES, plan)))
+            elsewhere(partial(write_overview, session, STAGES, plan))
             return
     write_overview(session, STAGES, plan)
 

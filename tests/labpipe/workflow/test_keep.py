@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from labpipe.workflow import code
 from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage, TaskId
 from labpipe.workflow.plan import Plan, plan
@@ -165,6 +166,16 @@ def test_a_syntax_error_fails_the_stages_that_reach_it(laboratory: Laboratory) -
     failed = {o.stage: o.message for o in run(laboratory.session, laboratory.stages, jobs=0).failures}
     assert "cannot be imported" in failed["read"]
     assert "helper.py, line 2" in failed["read"]
+
+
+def test_a_process_with_other_files_of_the_program_computes_nothing(
+    laboratory: Laboratory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laboratory.write(10)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(code, "behind", lambda name: {laboratory.name: "another"})
+        failed = {o.stage: o.message for o in run(laboratory.session, laboratory.stages, jobs=0).failures}
+    assert "or are others on this machine; start it again" in failed["read"]
 
 
 def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> None:
