@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from labpipe import files
-from labpipe.errors import NO_INPUT, InputError, InstallationError, LabpipeError, SourceError, StageError
+from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
@@ -91,12 +91,11 @@ class Job:
         store = self.store = Store(session.folder)
         try:
             with store.writing(), store.experiment(experiment):
-                ready = {row.task: self.plan.last(row.task) for row in rows if row.state in READY}
+                ready = {row.task: self.plan.keys[row.task].last for row in rows if row.state in READY}
                 store.note_latest(experiment, ready)
                 for row in rows:
-                    is_ready = row.state in READY
-                    key = self.plan.keys[row.task].value
-                    self.end(Outcome(*row.task, row.state, key) if is_ready else self._outcome(row.task))
+                    last = ready.get(row.task)
+                    self.end(Outcome(*row.task, row.state, last.key) if last else self._outcome(row.task))
                 store.index.save()
         except LabpipeError as error:  # outside a task, as when the lock or the list of last keys cannot be written
             kind = type(error).__name__
@@ -118,7 +117,7 @@ class Job:
         task, key = self.plan.tasks[name], self.plan.keys[name]
         state = state_of(self.plan.session, self.store, task, key)
         if state == "stored":
-            self.store.note_latest(name.experiment, {name: Last(key.value or "")})
+            self.store.note_latest(name.experiment, {name: key.last})
             return Outcome(*name, CACHED, key.value)
         failed = [before for before in task.before if before in self.failures]
         missing = [before for before in failed if before in task.required or self.failures[before].is_of_run]
@@ -163,7 +162,7 @@ class Job:
             store.quarantine(key.value or "")
         elif state == "unpublished":
             files.write_text(page, str(store.read(key.value or "")))
-            store.note_latest(task.id.experiment, {task.id: Last(key.value or "")})
+            store.note_latest(task.id.experiment, {task.id: key.last})
             return key.value
         last = store.latest(task.id.experiment).get(task.id)
         size = max(store.size(last.key) if last else 0, 1 << 20)
@@ -180,7 +179,7 @@ class Job:
             work = counts(result.attrs.get("work"))
             about = provenance.of_task(self.program, self.plan, task.id)
             attributes = {"provenance": files.canonical(about)} | ({"work": files.canonical(work)} if work else {})
-            schema = self.schemas.get(stage.schema or "", Schema(stage.name))
+            schema = self.schemas[stage.schema] if stage.schema else Schema(stage.name)
             result = check(result, schema).assign_attrs(attributes)
         record = store.write(key.ingredients, result, warnings=caught, work=work)
         store.note_latest(task.id.experiment, {task.id: Last(record.key)})
@@ -192,9 +191,6 @@ class Job:
         """Call the function, and refuse its result where a file has changed before it returned or failed."""
         import xarray as xr
 
-        if code.behind(task.stage.function) != key.ingredients["code"]:
-            text = "files of the program were changed while it ran, or are others on this machine; start it again"
-            raise InstallationError(f"{task.stage.function}: {text}")
         function = _import(task)
         arguments = [argument.arranged(lambda slot: self._value(task, slot)) for argument in task.arguments]
         settings = self.plan.session.experiments[task.id.experiment].settings
@@ -210,7 +206,7 @@ class Job:
             try:
                 result = function(*arguments, **keywords)
             finally:
-                code.refuse_changed()
+                code.refuse_changed(task.stage.function, key.ingredients["code"])
                 for known in key.files:
                     if describe_file(self.plan.session.files, known["name"], self.store.index) != known:
                         problem = "still being written: its content changed while it was read"

@@ -28,8 +28,6 @@ from labpipe.errors import InputError, LabpipeError, UsageError
 Key = TypeVar("Key")
 Call = Callable[[], Any]
 
-_MOMENT = 0.1
-"""s: how often a crew that waits lets its owner see to other things."""
 _ENVIRONMENT = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")} | {
     "VECLIB_MAXIMUM_THREADS": "1",
     "OPENCV_FOR_THREADS_NUM": "1",
@@ -67,8 +65,8 @@ class Crew:
         self.under_way[self.start(call, imports)] = key, call
 
     def ended(self) -> Iterator[tuple[Any, Any]]:
-        """Wait a moment for answers; yield key and answer of the calls that have ended, raise the error of one."""
-        for future in wait(self.under_way, _MOMENT, FIRST_COMPLETED).done:
+        """Wait 0.1 s for answers; yield key and answer of the calls that have ended, raise the error of one."""
+        for future in wait(self.under_way, 0.1, FIRST_COMPLETED).done:
             key, call = self.under_way.pop(future)
             try:
                 answer = future.result()

@@ -46,6 +46,11 @@ class Key:
     taken_for: str | None = None
 
     @property
+    def last(self) -> Last:
+        """The last result, to be remembered, of a task that has one."""
+        return Last(self.value or "", self.taken_for)
+
+    @property
     def files(self) -> list[dict[str, Any]]:
         """Files that the result depends on, by :func:`describe_file`."""
         return [file for one in self.ingredients["inputs"] for file in one.get("files", ())]
@@ -85,20 +90,11 @@ class Plan(ShownAsTable):
         """Rows without a result."""
         return tuple(row for row in self.rows if row.state not in READY)
 
-    def last(self, task: TaskId) -> Last:
-        """Return the last result, to be remembered, of a task that has one."""
-        key = self.keys[task]
-        return Last(key.value or "", key.taken_for)
-
     def of(self, experiment: str) -> "Plan":
         """Return the part of the plan that concerns one experiment: its rows, and all tasks behind them."""
         rows = tuple(row for row in self.rows if row.experiment == experiment)
         names = lineage(self.tasks, *(row.task for row in rows))
         return replace(self, rows=rows, tasks={n: self.tasks[n] for n in names}, keys={n: self.keys[n] for n in names})
-
-    def kept(self, *wanted: TaskId) -> dict[TaskId, tuple[str, ...]]:
-        """Results of earlier code behind some tasks, with the changed code since."""
-        return {name: kept for name in lineage(self.tasks, *wanted) if (kept := self.keys[name].kept)}
 
     @property
     def estimate(self) -> str:
@@ -127,7 +123,7 @@ class Plan(ShownAsTable):
 def plan(
     session: Session,
     stages: Stages,
-    targets: Iterable[str | TaskId] | None = None,
+    targets: Iterable[str] | None = None,
     only: Iterable[str] | None = None,
     *,
     full: bool = False,
@@ -136,8 +132,8 @@ def plan(
 ) -> Plan:
     """Plan a run of a session, of which ``stages`` has those of every kind.
 
-    ``targets`` are stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, or tasks, and ``only`` the
-    experiments; by default all. Results of others that they need are made too. ``full`` plans without shortcuts.
+    ``targets`` are stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, and ``only`` the experiments;
+    by default all. Results of others that they need are made too. ``full`` plans without shortcuts.
     ``keep`` takes results of earlier code as they are; None, those that an earlier run took. ``store`` is that of the
     session, where it is open already.
 
@@ -198,7 +194,7 @@ def _first(texts: Sequence[str], separator: str) -> str:
 
 
 def wanted_tasks(
-    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str | TaskId] | None, only: Iterable[str] | None
+    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
     """Pick the tasks of named targets and experiments; UsageError where one is unknown, InputError where it waits."""
     experiments = set(session.experiments) if only is None else {only} if isinstance(only, str) else set(only)
@@ -210,11 +206,12 @@ def wanted_tasks(
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
     if targets is None:
         return chosen
-    asked: set[Any] = {targets} if isinstance(targets, str) else set(targets)
-    names = {name for task in tasks for name in (task.stage, f"{task.experiment}/{task.stage}")}
-    for wrong in sorted(asked - names - tasks.keys()):
-        raise UsageError(f'there is no stage "{wrong}"{suggest(str(wrong), names)}')
-    return frozenset(n for n in chosen if not asked.isdisjoint({n, n.stage, f"{n.experiment}/{n.stage}"}))
+    asked = {targets} if isinstance(targets, str) else set(targets)
+    names = {name: {name.stage, f"{name.experiment}/{name.stage}"} for name in tasks}
+    known = set().union(*names.values())
+    for wrong in sorted(asked - known):
+        raise UsageError(f'there is no stage "{wrong}"{suggest(wrong, known)}')
+    return frozenset(name for name in chosen if asked & names[name])
 
 
 def page_name(experiment: str) -> str:
@@ -279,9 +276,9 @@ def parameters(stage: Stage, settings: Any, read: Sequence[str] = ()) -> dict[st
         else:
             open_ = list(ends(settings, [] if dotted == "*" else dotted.split(".")))
             while open_:
-                place, node = open_.pop()
+                place, node = open_.pop(0)
                 if isinstance(node, dict) and node:
-                    open_ += [(f"{place}.{name}".removeprefix("."), value) for name, value in node.items()]
+                    open_[:0] = [(f"{place}.{name}".removeprefix("."), value) for name, value in node.items()]
                 else:
                     flat[place] = list(node) if isinstance(node, tuple) else node
     return flat

@@ -8,7 +8,7 @@ from typing import TypedDict, Unpack
 
 import msgspec
 
-from labpipe.errors import InputError, LabpipeError, StorageError
+from labpipe.errors import LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
@@ -58,14 +58,10 @@ def run_all(
 
     Sessions are asked for when there is room. Yields each with the end of its run, or why it could not begin.
 
-    Raises InputError, UsageError: the stages do not fit the schemas, or there is no such engine; KeyboardInterrupt: as
-    for :func:`run`.
+    Raises InputError, UsageError: there is no such engine; KeyboardInterrupt: as for :func:`run`.
     """
     jobs, schemas, full = options.get("jobs", 1), options.get("schemas") or {}, options.get("full", False)
     engine = engines.choose(jobs, options.get("cluster"))
-    for kind, stage in ((kind, stage) for kind, sequence in stages.items() for stage in sequence):
-        if stage.schema is not None and stage.schema not in schemas:
-            raise InputError(f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"')
 
     def begin(session: Session) -> _SessionRun:
         store, chosen = Store(session.folder), (options.get("targets"), options.get("only"))

@@ -231,8 +231,8 @@ def compare(
         cause = f". Likely: {likely}" if likely else ""
         failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
     for name in (name for name in session.experiments if name not in failed):
-        tasks = [task for task in results.plan.tasks if task.experiment == name]
-        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
+        keys = results.plan.of(name).keys
+        kept = tuple(dict.fromkeys(f"{task.experiment}/{task.stage}" for task, key in keys.items() if key.kept))
         own = [replace(row, kept=kept) for row in compared(results, name) or []]
         rows += own
         if not own:
