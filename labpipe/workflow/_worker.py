@@ -165,8 +165,9 @@ class Job:
             store.note_latest(task.id.experiment, {task.id: key.last})
             return key.value
         last = store.latest(task.id.experiment).get(task.id)
-        size = max(store.size(last.key) if last else 0, 1 << 20)
-        files.require_space(store.root, size * 3 // 2)  # half as much again as last time
+        known = store.record(last.key) if last else None
+        # half as much again as last time
+        files.require_space(store.root, max(known.size if known else 0, 1 << 20) * 3 // 2)
         result, caught = self._call(task, key)
         if is_page:
             files.write_text(page, result)

@@ -4,7 +4,7 @@ import contextlib
 import secrets
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import msgspec
 
@@ -69,7 +69,8 @@ def run_all(
         made = plan(session, stages, *chosen, full=full, keep=options.get("keep", False), store=store)
         store.index.save()
         is_final = chosen == (None, None) and not (made.to_run or full)
-        state = _SessionRun(made, store, schemas, options.get("progress"), is_final)
+        program = provenance.program() if made.to_run else {}
+        state = _SessionRun(made, store, schemas, options.get("progress"), is_final, program)
         state.begin(jobs)
         return state
 
@@ -117,6 +118,7 @@ class _SessionRun:
     schemas: Mapping[str, Schema]
     progress: Callable[[Event], None] | None
     is_final: bool
+    program: Mapping[str, Any]
     mark: str = field(default_factory=lambda: secrets.token_hex(8))
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
     waiting: dict[str, set[str]] = field(default_factory=dict)
@@ -126,8 +128,8 @@ class _SessionRun:
     def show(self, kind: str, task: TaskId, message: str = "") -> None:
         """Hand an event to whoever follows the progress."""
         if self.progress is not None:
-            total = max(len(self.plan.rows), len(self.outcomes))
-            self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
+            done, total = len(self.outcomes), len(self.plan.rows)
+            self.progress(Event(kind, task, done, total, message, self.plan.session.root))
 
     def note(self, outcome: Outcome) -> None:
         """Take the end of a task, once; a second pass finds results of the first one in the store."""
@@ -139,8 +141,7 @@ class _SessionRun:
     def job(self, experiment: str) -> Job:
         """Make the job of an experiment."""
         failures = {task: one for task, one in self.outcomes.items() if one.state in (FAILED, SKIPPED)}
-        program = provenance.program() if self.plan.to_run else {}
-        return Job(self.plan.of(experiment), self.schemas, program, self.mark, failures)
+        return Job(self.plan.of(experiment), self.schemas, self.program, self.mark, failures)
 
     # --- beginning and end ---
 
@@ -166,11 +167,10 @@ class _SessionRun:
 
     def end(self) -> RunResult:
         """Write the end into the log and sum up."""
-        order = {row.task: position for position, row in enumerate(self.plan.rows)}
-        outcomes = sorted(self.outcomes.values(), key=lambda outcome: order[outcome.task])
-        pages = {o.experiment: self.plan.session.folder / page_name(o.experiment) for o in outcomes}
+        outcomes = tuple(self.outcomes[row.task] for row in self.plan.rows)
+        pages = {row.experiment: self.plan.session.folder / page_name(row.experiment) for row in self.plan.rows}
         reports = {name: path for name, path in pages.items() if path.is_file()}
-        result = RunResult(self.plan.session, tuple(outcomes), reports, self.plan if self.is_final else None)
+        result = RunResult(self.plan.session, outcomes, reports, self.plan if self.is_final else None)
         log(self.plan.session, "run finished", exit_code=result.exit_code)
         return result
 

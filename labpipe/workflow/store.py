@@ -130,10 +130,6 @@ class Store:
         """Where a result is."""
         return self._path(record.key, _ENDINGS[record.output])
 
-    def size(self, key: str) -> int:
-        """Bytes of a result; 0 where there is none."""
-        return 0 if (record := self.record(key)) is None else record.size
-
     def read(self, key: str) -> "xr.Dataset | str":
         """Return a result after comparing its whole content with its record.
 
