@@ -224,7 +224,7 @@ def _cluster(address: str) -> Iterator[Crew]:
     except (OSError, ValueError) as error:
         raise UsageError(f"no Dask scheduler answers at {address} ({error})") from error
     with client:
-        executor, here = client.get_executor(), program()
+        executor, here = client.get_executor(pure=False), program()  # a call also writes files
         yield Crew(
             lambda call, imports: executor.submit(_compute_there, call, here),
             lambda: 4 * max(sum(client.nthreads().values()), 4),  # so that no thread waits for this process
