@@ -210,7 +210,7 @@ class Job:
                 code.refuse_changed(task.stage.function, key.ingredients["code"])
                 for known in key.files:
                     if describe_file(self.plan.session.files, known["name"], self.store.index) != known:
-                        problem = "still being written: its content changed while it was read"
+                        problem = "still being written: its content has changed since the run began"
                         hint = "wait until it is complete, or copy it here first, and run again"
                         changed = SourceError(known["name"], problem, hint=hint)
                         changed.is_of_run = True  # the same file may be whole the next time
