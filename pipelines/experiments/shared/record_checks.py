@@ -245,7 +245,7 @@ def _single_rows(trace: Trace) -> Check:
     if trace.reading.size < 2 * _WINDOW:
         return not_made(SINGLE_ROWS, f"{2 * _WINDOW} readings")
     place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)
-    design = np.stack([place**0, place, place**2, np.sign(place) / 2.0])
+    design = np.stack([np.ones_like(place), place, place**2, np.sign(place) / 2.0])
     inverse = np.linalg.pinv(design)
     windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
     fitted, noise = windows @ inverse, max(trace.noise, 0.3 * trace.resolution)
