@@ -66,8 +66,8 @@ def judgement(
     exports = [Export.of(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
     exports = [export for export in exports if export.data.sizes["sample"]]
     checks = [*judgements.failed_steps(context, _FAILED), _poissons_ratio(settings)]
-    checks += [check for export in exports for of in (_headings, _moduli) for check in of(export)]
-    checks += [evaluate(export) for export in exports for evaluate in _OF_EXPORT]
+    checks += [check for export in exports for of in (_headings, _moduli, _temperatures) for check in of(export)]
+    checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality)]
     every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
     checks += [_softening(every), *_one_specimen(every)]
     return Scene([*checks, _superposition(master_curve)])
@@ -242,46 +242,38 @@ def _causality(export: Export) -> Check:
     return export.seen(name, message, level, "one of the moduli has another unit than the other, or the phase is wrong")
 
 
-def _temperatures(export: Export) -> Check:
-    """Check the unit of temperature by its range, by T_ref, and by set temperatures that are multiples of 5 K."""
+def _temperatures(export: Export) -> Iterator[Check]:
+    """Check the unit of temperature, by its range, T_ref and multiples of 5 K, and that it is measured."""
     name, file, T, reference = "temperatures", export.name, export.values("temperature"), export.settings.T_ref
-    low, high, sweeps = (
-        float(T.min()),
-        float(T.max()),
-        np.array([sweep.attrs["temperature"] for sweep in export.sweeps]),
-    )
+    low, high, sweeps = float(T.min()), float(T.max()), np.array([one.attrs["temperature"] for one in export.sweeps])
     message, cause = f"{file}: temperatures from {low:.1f} to {high:.1f} °C", "temperatures have another unit (K, °F)"
     message += "" if reference is None else f", T_ref is {reference.value:g} °C"
     is_far = reference is not None and not low - 30 <= reference.value <= high + 30
+    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
+    level: Level | None = "doubtful" if is_far or low < -200.0 or high > 400.0 else None
+    setting = ""
     if low > 180.0 and (reference is None or is_far):
         cause = f"temperatures are in K under °C: {low - 273.15:.1f} to {high - 273.15:.1f} °C are meant"
-        return export.seen(name, message, "impossible" if is_far else "doubtful", cause)
-    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
-    if sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
+        level = "impossible" if is_far else "doubtful"
+    elif sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
         cause = f"temperatures are in °F under °C: {(low - 32) / 1.8:.1f} to {(high - 32) / 1.8:.1f} °C are meant"
-        return export.seen(name, f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful", cause)
-    if is_far:
-        return stated(name, message, "doubtful", cause=f"T_ref is wrong, or {cause}", setting="T_ref")
-    return export.seen(name, message, "doubtful" if low < -200.0 or high > 400.0 else None, cause)
+        message, level = f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful"
+    elif is_far:
+        cause, setting, file = f"T_ref is wrong, or {cause}", "T_ref", ""
+    yield stated(name, message, level, cause=cause, file=file, setting=setting)
 
-
-def _measured_temperature(export: Export) -> Check:
-    """Compare a constant temperature with moduli that change at one frequency."""
-    name, T = "temperature is measured", export.values("temperature")
+    name = "temperature is measured"
     frequency = np.round(np.log10(np.maximum(export.values("frequency"), 1e-9)), 2)
     found, counts = np.unique(frequency, return_counts=True)
     same = export.values("storage_modulus")[frequency == found[np.argmax(counts)]]
-    if np.ptp(T) > 1.0 or same.size < 3 or not (same > 0).all():
-        return stated(name, f"{export.name}: temperatures span {np.ptp(T):.1f} K", None)
+    if high - low > 1.0 or same.size < 3 or not (same > 0).all():
+        yield stated(name, f"{export.name}: temperatures span {high - low:.1f} K", None)
+        return
     times = float(same.max() / same.min())
     text = f"{export.name}: all temperatures are {T.mean():.1f} °C, while the storage modulus differs by a factor "
     text += f"{in_words(times)} between {same.size} readings at one frequency"
     cause = "the column of temperature is constant: it holds the setting, or the sensor was not read"
-    level: Level | None = "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None
-    return export.seen(name, text, level, cause)
-
-
-_OF_EXPORT = (_frequencies, _single_values, _causality, _temperatures, _measured_temperature)
+    yield export.seen(name, text, "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None, cause)
 
 
 def _softening(sweeps: Sequence[xr.Dataset]) -> Check:

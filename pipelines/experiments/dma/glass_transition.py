@@ -43,14 +43,12 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
     columns = [np.stack([r.temperature, r.storage, r.loss])[:, order] for r, order in zip(ramps, orders, strict=True)]
     T, storage, loss = np.concatenate(columns, axis=1)
     numbers = np.repeat(np.arange(len(ramps)), [one.shape[1] for one in columns])
-    drop = [float(storage[0] / storage[-1]) for _, storage, _ in columns]
     variables = {
         "ramp_of": variable("point", numbers, "1", "number of the ramp"),
         "temperature": variable("point", T, "degC", "measured temperature"),
         "storage": variable("point", storage, "Pa", "storage modulus, tension"),
         "loss": variable("point", loss, "Pa", "loss modulus, tension"),
         "loss_factor": variable("point", loss / storage, "1", "loss factor"),
-        "drop": variable("ramp", drop, "1", "storage modulus, cold end over warm end"),
         "frequency": variable("ramp", [ramp.frequency for ramp in ramps], "Hz", "frequency of the sweep"),
     }
     found = np.array([_transition(*one) for one in columns])
