@@ -5,17 +5,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from math import log, log10, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
-from labpipe.materials import loading_of, modulus_factor
+from labpipe.materials import isothermal_runs, loading_of, modulus_factor, trusted_rows
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma.export import Export, common_levels
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
@@ -54,6 +53,41 @@ TITLES = {
     "superposition": Title("One master curve describes all temperatures.", ("superposition",)),
     "Poisson's ratio": Title("Polymers have Poisson's ratios of 0.2 to 0.5.", ("Poisson's ratio",)),
 }
+
+
+class Export(NamedTuple):
+    """One export: its trusted rows, and the isothermal sweeps that have enough of them.
+
+    Sweeps are in ascending order of frequency, with the attributes ``file``, ``temperature`` (the mean, degC) and
+    ``place``: file, temperature, and interval there.
+    """
+
+    name: str
+    data: xr.Dataset
+    sweeps: list[xr.Dataset]
+    settings: Dma
+
+    @classmethod
+    def of(cls, name: str, data: xr.Dataset, settings: Dma) -> "Export":
+        """Take the readings of a file."""
+        good, options, sweeps = np.concatenate([[], *trusted_rows(data)]).astype(int), settings.sweeps, []
+        for run in isothermal_runs(data, options.tolerance, options.fewest):
+            one = data.isel(sample=np.intersect1d(run, good))
+            if one.sizes["sample"] >= options.fewest:
+                T = float(one["temperature"].mean())
+                place = f"{name}, sweep at {T:.1f} °C"
+                place += f", interval {int(one['interval'][0])}" if "interval" in one else ""
+                one = one.isel(sample=np.argsort(one["frequency"].values, kind="stable"))
+                sweeps.append(one.assign_attrs(file=name, temperature=T, place=place))
+        return cls(name, data.isel(sample=np.sort(good)), sweeps, settings)
+
+    def values(self, name: str) -> Floats:
+        """Return one column."""
+        return np.asarray(self.data[name].values, float)
+
+    def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
+        """Return a check of this file."""
+        return stated(name, text, level, cause=cause, file=self.name)
 
 
 @judgements.judging("readings", "sweeps", "master_curve", titles=TITLES)
@@ -276,10 +310,20 @@ def _temperatures(export: Export) -> Iterator[Check]:
     yield export.seen(name, text, "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None, cause)
 
 
+def _common_levels(sweeps: Sequence[xr.Dataset]) -> Floats | None:
+    """Return log10 of the storage moduli (sweep, frequency) at seven frequencies that all reach; None without any."""
+    frequencies, moduli = ([s[name].values for s in sweeps] for name in ("frequency", "storage_modulus"))
+    low, high = max((float(f[0]) for f in frequencies), default=0.0), min((f[-1] for f in frequencies), default=0.0)
+    if not 0 < low < high or any((modulus <= 0).any() for modulus in moduli):
+        return None
+    x = np.linspace(log(low), log(high), 7)
+    return np.array([np.interp(x, np.log(f), np.log10(m)) for f, m in zip(frequencies, moduli, strict=True)])
+
+
 def _softening(sweeps: Sequence[xr.Dataset]) -> Check:
     """Look for the isotherm that breaks the fall of the modulus with temperature."""
     name = "order with temperature"
-    moduli = common_levels(sweeps) if len(sweeps) > 2 else None
+    moduli = _common_levels(sweeps) if len(sweeps) > 2 else None
     if moduli is None:
         return not_made(name, "three isotherms over common frequencies")
     T, levels = np.array([s.attrs["temperature"] for s in sweeps]), np.median(moduli, axis=1)
@@ -325,7 +369,7 @@ def _one_specimen(sweeps: Sequence[xr.Dataset]) -> Iterator[Check]:
     for a, b in combinations(sorted(sweeps, key=lambda one: str(one.attrs["file"])), 2):
         files = (str(a.attrs["file"]), str(b.attrs["file"]))
         if files[0] != files[1] and abs(a.attrs["temperature"] - b.attrs["temperature"]) <= _SAME:
-            pair = common_levels((a, b))
+            pair = _common_levels((a, b))
             if pair is not None:
                 between.setdefault(files, []).append(float(np.median(pair[0] - pair[1])))
     for (first, second), gaps in between.items():

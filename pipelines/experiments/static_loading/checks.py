@@ -18,7 +18,7 @@ from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
-from pipelines.experiments.static_loading.load_steps import SIDE, clear_steps, creep_design, creep_fit, settled, valid
+from pipelines.experiments.static_loading.measured import SIDE, clear_steps, creep_design, creep_fit, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 MATERIAL = "approach against the material"
