@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,23 +21,15 @@ _HALF_DECADES = 0.5  # to either side of a maximum of the master curve, where a 
 _SIGNIFICANT = 3.0  # standard uncertainties by which a peak must stand out of its ends
 
 
-class Ramp(NamedTuple):
-    """One temperature sweep in tension: frequency [Hz], temperatures [degC], moduli [Pa]."""
+def transitions(ramps: Sequence[tuple[float, Floats]]) -> xr.Dataset:
+    """Return the readings of all temperature sweeps in one row, and the transition of every one.
 
-    frequency: float
-    temperature: Floats
-    storage: Floats
-    loss: Floats
-
-
-def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
-    """Return the readings of all ramps in one row, and the transition of every ramp.
-
-    Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
+    ``ramps`` are frequency [Hz] and (column, point) of each: temperature [degC], storage and loss modulus in tension
+    [Pa]. Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
     ``frequency``, ``T_peak`` (maximum of tan δ) and ``T_drop`` (steepest fall of ln E′), each with its uncertainty, NaN
     where there is none. The attribute ``reasons`` (JSON) says why there is no maximum, ramp by ramp.
     """
-    columns = [np.stack(ramp[1:])[:, np.argsort(ramp.temperature, kind="stable")] for ramp in ramps]
+    columns = [one[:, np.argsort(one[0], kind="stable")] for _, one in ramps]
     T, storage, loss = np.concatenate(columns, axis=1)
     numbers = np.repeat(np.arange(len(ramps)), [one.shape[1] for one in columns])
     variables = {
@@ -46,7 +38,7 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
         "storage": variable("point", storage, "Pa", "storage modulus, tension"),
         "loss": variable("point", loss, "Pa", "loss modulus, tension"),
         "loss_factor": variable("point", loss / storage, "1", "loss factor"),
-        "frequency": variable("ramp", [ramp.frequency for ramp in ramps], "Hz", "frequency of the sweep"),
+        "frequency": variable("ramp", [frequency for frequency, _ in ramps], "Hz", "frequency of the sweep"),
     }
     found = np.full((len(ramps), 2, 2), np.nan)  # by tan δ and by ln E′, each with its u
     for i, (T_of, E, E_loss) in enumerate(columns):
