@@ -196,13 +196,14 @@ def _first(texts: Sequence[str], separator: str) -> str:
 def wanted_tasks(
     session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
-    """Pick the tasks of named targets and experiments; UsageError where one is unknown, InputError where it waits."""
+    """Pick the tasks of named targets and experiments; UsageError: one is unknown; InputError: all named ones wait."""
     experiments = set(session.experiments) if only is None else {only} if isinstance(only, str) else set(only)
-    for name in sorted(experiments - set(session.experiments)):
-        if name in session.waiting:
-            message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
-            raise InputError(message)
+    for name in sorted(experiments - session.experiments.keys() - session.waiting.keys()):
         raise UsageError(f'there is no experiment "{name}"{suggest(name, session.experiments)}')
+    if experiments and not experiments & session.experiments.keys():
+        lines = [f"\n  {line}" for name in sorted(experiments) for line in session.waiting[name]]
+        names_of = ", ".join(f'"{name}"' for name in sorted(experiments))
+        raise InputError(f"{names_of} wait{'s' * (len(experiments) == 1)} for these lines of settings:{''.join(lines)}")
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
     if targets is None:
         return chosen
@@ -210,7 +211,8 @@ def wanted_tasks(
     names = {name: {name.stage, f"{name.experiment}/{name.stage}"} for name in tasks}
     known = set().union(*names.values())
     for wrong in sorted(asked - known):
-        raise UsageError(f'there is no stage "{wrong}"{suggest(wrong, known)}')
+        there = ", ".join(sorted({task.stage for task in chosen}))
+        raise UsageError(f'there is no stage "{wrong}"{suggest(wrong, known)}; there are {there}')
     return frozenset(name for name in chosen if asked & names[name])
 
 
