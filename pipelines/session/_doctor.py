@@ -189,11 +189,12 @@ def _audit(folder: Path) -> Audit:
 
     Results that the verdicts need are processed first. The engine is loaded here, as the installation may lack it.
     """
+    from labpipe.judging import Finding
     from pipelines.experiments import JUDGEMENT
     from pipelines.session._processing import process
     from pipelines.session._results import STAGES, open_session
     from pipelines.session._session_checks import SESSION_CHECKS, stated_as_exact, unused_files
-    from pipelines.session._verdicts import WAITING, verdicts_of
+    from pipelines.session._verdicts import WAITING, placed, verdicts_of
 
     session = open_session(folder)
     found, checks = [("", finding) for finding in unused_files(session)], SESSION_CHECKS
@@ -204,6 +205,9 @@ def _audit(folder: Path) -> Audit:
         verdicts = [v for v in verdicts_of(run).experiments if v.state != WAITING]
         checks += sum(v.checks for v in verdicts)
         found += [(v.experiment, finding) for v in verdicts for finding in v.findings]
+        for v in (v for v in verdicts if v.model == "differs"):
+            differs = Finding("model", "note", "the model differs from the measurement", next(iter(v.suspects), ""))
+            found.append((v.experiment, placed(session, session.experiments[v.experiment], differs)))
     alike: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
     for name, finding in found:
         alike.setdefault((finding.file, finding.line, finding.cause or finding.message), []).append((name, finding))

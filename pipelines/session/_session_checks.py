@@ -17,7 +17,7 @@ from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
 from labpipe.workflow.fields import every_setting
-from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.session._gaps import library_names
@@ -34,6 +34,10 @@ _APART, _SAME = 4.0, 2.0
 """Standard uncertainties between two values of one thing that differ, and within which they are one."""
 _EXACT = 1e-4  # relative uncertainty of a value that is stated without one
 _SLIP = 0.01  # tolerance of the logarithm of a ratio that is a typing error's factor
+_NEAR, _SEVERAL = 0.1, 3
+"""Relative difference of a value that is nearly that of others, and the fewest others that make a value usual."""
+_CONDITIONS, _DECIMAL = ("height", "temperature", "T_ref"), 10.0
+"""Endings of quantities that are chosen for each experiment, and the factor of a misplaced decimal point."""
 _KELVIN = 273.15
 _MOST_NAMES = 3  # in a sentence; more of them are counted
 _OF_RECORD = {
@@ -216,6 +220,52 @@ def _bodies(session: Session) -> _Owned:
             yield e.name, _finding(TWO_VALUES, text, cause, setting=f"{place}.{name}")
 
 
+def unusual_values(session: Session, name: str) -> list[str]:
+    """Say which quantities of an experiment most others state otherwise, with the line.
+
+    Heights and temperatures differ on purpose, unless by a misplaced decimal point.
+    """
+    found, lines = [], session.experiments[name].lines
+    for setting, own, usual, owners in _unusual(session.without_variants(), name):
+        if setting.endswith(_CONDITIONS) and _slip(own, usual) < _DECIMAL:
+            continue
+        where = owners[0] if len(owners) == 1 else f"{len(owners)} other experiments"
+        here = f"{setting} is {_written(own)} here (line {lines[setting]} of {FILE_NAME})"
+        found.append(f"{here} and {_written(usual)} in {where}")
+    return found
+
+
+def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quantity, list[str]]]:
+    """Yield the quantities of an experiment that more than half of the others state alike and otherwise.
+
+    Each is setting, own and usual value, and the experiments that state the usual one.
+    """
+    stated = {
+        e.name: {setting: value for setting, value, _ in every_setting(e.settings) if isinstance(value, Quantity)}
+        for e in session.experiments.values()
+    }
+    for setting, own in stated.pop(name, {}).items():
+        place = ".".join(_field(setting).split(".")[-2:])
+        others = [(e, v) for e, values in stated.items() for s, v in values.items() if _field(s).endswith(place)]
+        if (usual := _usual(own, others)) is not None:
+            yield setting, own, usual[1], list(dict.fromkeys(e for e, v in others if _distance(usual[1], v) <= _SAME))
+
+
+def _mistyped(session: Session) -> _Owned:
+    """Find quantities that several other experiments state alike, and this one nearly so or with exchanged digits."""
+    for name in session.experiments:
+        for setting, own, usual, owners in _unusual(session, name):
+            first, second = (f"{value.value:.3e}" for value in (own, usual))
+            is_exchanged = sorted(first) == sorted(second) and first[-3:] == second[-3:]
+            is_near = abs(own.value - usual.value) < _NEAR * abs(usual.value)
+            if len(owners) < _SEVERAL or setting.endswith(_CONDITIONS) or not (is_exchanged or is_near):
+                continue
+            text = f"{setting} is {_written(own)} here and {_written(usual)} in {len(owners)} other experiments"
+            cause = f"{setting} is probably {_written(usual)}" + ": its digits are exchanged" * is_exchanged
+            level: Level = "doubtful" if is_exchanged else "note"
+            yield name, _finding("mistyped value", text, cause, setting=setting, level=level)
+
+
 def _sources(settings: Any) -> Iterator[str]:
     """Yield the names, files and experiments that state materials of a table and all in it; the most exact of each."""
     for _, table, _ in every_setting(settings):
@@ -288,6 +338,6 @@ def _temperatures(session: Session) -> _Owned:
                 yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 
-_CHECKS = (_twice, _bodies, _material_names, _temperatures)
+_CHECKS = (_twice, _bodies, _mistyped, _material_names, _temperatures)
 SESSION_CHECKS = len(_CHECKS) + 1
 """Number of checks of a session as a whole; unused files are one more."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -24,7 +24,8 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.document import parse
-from labpipe.workflow.graph import arguments
+from labpipe.workflow.fields import REFERENCE, every_setting
+from labpipe.workflow.graph import Stage, arguments
 from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
@@ -39,6 +40,7 @@ from pipelines.session._session_checks import (
     of_record,
     session_findings,
     unused_files,
+    unusual_values,
 )
 
 if TYPE_CHECKING:
@@ -49,6 +51,9 @@ WAITING = "waiting"
 """State of an experiment whose settings are incomplete."""
 VERDICTS = "verdicts.json"
 """Among the results: verdicts by experiment, each with the digest of all that it comes from."""
+_CURVE = "master_curve"
+"""Stage whose result is a material that the session has measured."""
+_SEVERAL = 3  # experiments whose models differ for one reason
 _DOCUMENTED = ("check", "level", "message", "cause", "file", "line", "value")
 _LONGEST_LINE = 100  # characters of a line that is shown
 
@@ -79,6 +84,8 @@ class Verdict:
     def cause(self) -> str:
         """The most likely mistake in the record; empty where it is believable, or nothing is known."""
         grave = [finding for finding in self.findings if finding.level == self.believable]
+        # another experiment's value says what is wrong, which no failed step says so well
+        grave = [f for f in self.findings if f.check == TWO_VALUES and f.level != "note"] + grave
         return grave[0].cause or next(iter(self.causes), "") if grave else ""
 
     def document(self) -> dict[str, Any]:
@@ -132,7 +139,7 @@ def verdicts_of(run: RunResult) -> Verdicts:
     results = opened(session.root) if run.plan is None else Results(run.plan)
     known = stored_verdicts(results)
     made = [_one(results, session.experiments[name], some) for name, some in failures.items() if name not in known]
-    new = {v.experiment: v for v in _with_session(session, made)}
+    new = {v.experiment: v for v in _with_session(results, made)}
     _keep(results, {n: v for n, v in new.items() if failures[n] and not any(f.is_of_run for f in failures[n])})
     known |= new
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
@@ -177,7 +184,7 @@ def stored_verdicts(results: Results) -> dict[str, Verdict]:
         for name, row in judged.items()
         if name not in known and (result := results.up_to_date(row)) is not None
     ]
-    new = {v.experiment: v for v in _with_session(session, made)}
+    new = {v.experiment: v for v in _with_session(results, made)}
     _keep(results, new)
     return {name: one for name in session.experiments if (one := new.get(name) or known.get(name)) is not None}
 
@@ -210,7 +217,8 @@ def _marks(results: Results) -> dict[str, str]:
         for n in named_files(session)
     ]
     code = behind(f"{__name__}:{stored_verdicts.__name__}", "pipelines.experiments")
-    common = key_of({"verdicts": [code, files.digest(session.root / FILE_NAME), library_names(), named]})
+    others = [plan.keys[r.task].value for r in plan.rows if r.stage in (_CURVE, JUDGEMENT) and r.state in READY]
+    common = key_of({"verdicts": [code, files.digest(session.root / FILE_NAME), library_names(), named, others]})
     keys: dict[str, list[Any]] = {}
     for row in plan.rows:
         key, is_judged = plan.keys[row.task], row.stage == JUDGEMENT and row.state in READY
@@ -227,12 +235,12 @@ def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False)
     if experiment in known:
         return known[experiment]
     session = reopen_session(folder)
-    one = _one(opened(session.root, [experiment]), session.experiments[experiment], ())
-    return _with_session(session, [one])[0]
+    results = opened(session.root, [experiment])
+    return _with_session(results, [_one(results, session.experiments[experiment], ())])[0]
 
 
 def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
-    """Judge an experiment by the results that there are; None takes the place of those that are not."""
+    """Return the verdict on an experiment by the results that there are."""
     session, failed = results.plan.session, tuple(failures)
     name, kind, state = experiment.name, experiment.kind, "failed" if failed else "done"
     stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
@@ -240,24 +248,8 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
         return Verdict(name, kind, state, "unknown", "none")
     if (result := results.first(name, JUDGEMENT)) is not None:
         return _of_result(session, experiment, state, result)
-
-    def tolerant(slot: Any) -> Any:
-        try:
-            return results.plan.session.files / slot if isinstance(slot, str) else results.result(*slot)
-        except LabpipeError:
-            return None
-
-    given = [a.arranged(tolerant) for a in arguments(session, STAGES, experiment, stage.inputs)]
-    stated = (session.title, session.operator, session.notes, session.synthetic)
-    store, warned = Store(session.folder), list[Warned]()
-    for row in (row for row in results.plan.rows if row.experiment == name):
-        value = results.plan.keys[row.task].value
-        record = None if value is None else store.record(value)
-        warnings = () if record is None else record.warnings
-        warned += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
-    context = Context(name, kind, *stated, warnings=tuple(warned), failures=failed)
     try:
-        result = function(stage.function)(*given, settings=experiment.settings, context=context)
+        result = _judged(results, experiment, stage, failed)
     except Exception as error:
         # checks of a kind are foreign code to a session: they end this verdict alone
         text = f"the checks broke: {type(error).__name__}: {error}"
@@ -267,17 +259,39 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
     return _of_result(session, experiment, state, result)
 
 
+def _judged(results: Results, experiment: Experiment, stage: Stage, failed: tuple[Failed, ...], **more: Any) -> Any:
+    """Judge an experiment anew by the results that there are; None takes the place of those that are not."""
+    session = results.plan.session
+
+    def tolerant(slot: Any) -> Any:
+        try:
+            return session.files / slot if isinstance(slot, str) else results.result(*slot)
+        except LabpipeError:
+            return None
+
+    given = [a.arranged(tolerant) for a in arguments(session, STAGES, experiment, stage.inputs)]
+    stated = (session.title, session.operator, session.notes, session.synthetic)
+    store, warned = Store(session.folder), list[Warned]()
+    for row in (row for row in results.plan.rows if row.experiment == experiment.name):
+        value = results.plan.keys[row.task].value
+        record = None if value is None else store.record(value)
+        warnings = () if record is None else record.warnings
+        warned += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
+    context = Context(experiment.name, experiment.kind, *stated, warnings=tuple(warned), failures=failed)
+    return function(stage.function)(*given, settings=experiment.settings, context=context, **more)
+
+
 def _of_result(session: Session, experiment: Experiment, state: str, result: Any) -> Verdict:
     from labpipe.judging import from_json
     from pipelines.experiments.shared.judgements import suspected
 
     judged: Judgement = from_json(result.attrs["judgement"])
-    findings = tuple(_placed(session, experiment, f) for f in judged.findings)
+    findings = tuple(placed(session, experiment, f) for f in judged.findings)
     head = (experiment.name, experiment.kind, state, judged.believable, str(result.attrs["model"]))
     return Verdict(*head, findings, judged.n_made, judged.causes, tuple(suspected(result)))
 
 
-def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
+def placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
     """Find the line of a setting as the files are now, and its text; of a recording, where session.toml names it."""
     finding = of_record(session, finding)
     line = finding.line
@@ -298,16 +312,69 @@ def _placed(session: Session, experiment: Experiment, finding: Finding) -> Findi
     return replace(finding, line=line, value=shorten(text.strip(), _LONGEST_LINE, placeholder=" …"))
 
 
-def _with_session(session: Session, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
-    """Add the findings of the session as a whole to the verdicts on its experiments."""
-    made = list(verdicts)
+def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
+    """Add the findings of the session as a whole to the verdicts on its experiments, and its suspects."""
+    made, session = list(verdicts), results.plan.session
     found = session_findings(session) if made else {}
     for i, one in enumerate(made):
-        more = [_placed(session, session.experiments[one.experiment], f) for f in found.get(one.experiment, ())]
+        experiment = session.experiments[one.experiment]
+        more = [placed(session, experiment, f) for f in found.get(one.experiment, ())]
         known = {(f.file, f.line, f.level) for f in one.findings if f.line is not None}
-        # another experiment's value says by how much the one of this line is wrong, which no record says so well
         extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
         is_worse = one.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
         believable = "doubtful" if is_worse else one.believable
-        made[i] = replace(one, believable=believable, findings=(*one.findings, *extra), n_of_session=len(extra))
+        suspects = _suspects(results, experiment) if one.model == "differs" else one.suspects
+        findings = (*one.findings, *extra)
+        made[i] = replace(one, believable=believable, findings=findings, suspects=suspects, n_of_session=len(extra))
     return tuple(made)
+
+
+def _suspects(results: Results, experiment: Experiment) -> tuple[str, ...]:
+    """Explain a model that differs by what the whole session knows: materials of its DMA, values of other experiments.
+
+    Values that other experiments state otherwise come first where nothing else is plausible.
+    """
+    from pipelines.experiments.shared.judgements import suspected
+
+    stage = next(s for s in KINDS[experiment.kind].stages if s.name == JUDGEMENT)
+    own = _texts(experiment)
+    rows = [row for row in results.plan.rows if row.stage == _CURVE and row.experiment not in own]
+    curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row)) is not None}
+    result = results.first(experiment.name, JUDGEMENT)
+    if curves and hasattr(function(stage.function), "inputs"):  # made by judging(), which takes others
+        result = _judged(results, experiment, stage, (), others=curves)
+    unusual = unusual_values(results.plan.session, experiment.name)
+    if result is None:
+        return tuple(unusual)
+    told = [_with_line(text, experiment) for text in suspected(result)]
+    told = [*told, *unusual] if result.attrs["is_explained"] else [*unusual, *told]
+    return (*_in_common(results, own), *told)
+
+
+def _in_common(results: Results, named: Collection[str]) -> Iterator[str]:
+    """Name an experiment or a record that several experiments name, of which all differ, and no other does."""
+    judged = {r.experiment: one for r in results.plan.rows if r.stage == JUDGEMENT and (one := results.up_to_date(r))}
+    differ = {name for name, one in judged.items() if one.attrs["model"] == "differs"}
+    users = {text: set[str]() for text in named}
+    for name in (name for name, one in judged.items() if one.attrs["model"] in ("agrees", "differs")):
+        for text in _texts(results.experiments[name]) & users.keys():
+            users[text].add(name)
+    if common := [text for text, some in users.items() if some == differ and len(some) >= _SEVERAL]:
+        names = " or ".join(sorted(common))
+        yield f"all {len(differ)} experiments that name {names} differ and no other: it is probably wrong itself"
+
+
+def _texts(experiment: Experiment) -> set[str]:
+    """Return the experiments and files that an experiment names."""
+    texts = (text for _, text, _ in every_setting(experiment.settings) if isinstance(text, str))
+    return {text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE) or "/" in text}
+
+
+def _with_line(text: str, experiment: Experiment) -> str:
+    """Add the line to a setting that a sentence names in brackets."""
+
+    def placed_(found: re.Match[str]) -> str:
+        line = experiment.lines.get(found[1])
+        return found[0] if line is None else f"({found[1]}, line {line} of {FILE_NAME})"
+
+    return re.sub(r"\(([\w.\[\]]+)\)", placed_, text)

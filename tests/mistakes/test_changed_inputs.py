@@ -59,7 +59,7 @@ CHANGES = (
     Change("angle of the laser", "peek_1p5mm", setting("12.00 ±", "14.00 ±", LASER), ("inclination",)),
     Change("scale under the disc", "acrylic_1p5mm_film", setting("461 ±", "440 ±", UNDER), ("scale",)),
     Change("scale of the front view", "ptfe_film", setting("386 ±", "394 ±", FRONT), ("scale",)),
-    Change("polymer", "peek_1p5mm", _stated("peek_1p5mm", "material_from", "nylon_dma"), ("of PEEK",)),
+    Change("polymer", "peek_1p5mm", _stated("peek_1p5mm", "material_from", "nylon_dma"), ("of peek_dma",)),
     Change(
         "temperature of a drop",
         "acrylic_1p5mm_39C",
@@ -82,9 +82,11 @@ CHANGES = (
         "all files exchanged",
         "nylon_1p5mm",
         _exchanged(("nylon_1p5mm_1", "ptfe_1p5mm_1"), ("nylon_1p5mm_2", "ptfe_1p5mm_2")),
-        ("of PTFE", "another material"),
+        ("of ptfe_dma",),
     ),
     Change("mass", "ptfe_1p5mm", _stated("ptfe_1p5mm", "mass", "455.0 ± 0.5 g"), ("mass",)),
+    Change("digit", "nylon_1p5mm", _stated("nylon_1p5mm", "mass", "305.0 ± 0.5 g"), ("mass is 305.0 g here (line",)),
+    Change("tip", "nbr_relaxation", _stated("nbr_relaxation", "radius", "4 ± 0.002 mm"), ("radius is 4.000 mm here",)),
 )
 
 

@@ -31,10 +31,10 @@ from pipelines.experiments.dma import measured as dma, model as dma_model
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.harmonic import measured as harmonic
 from pipelines.experiments.plate_vibration import measured as plate_vibration, model as plate_vibration_model
-from pipelines.experiments.relaxation import measured as relaxation, moduli as relaxation_moduli
+from pipelines.experiments.relaxation import measured as relaxation
 from pipelines.experiments.shared import laser_readings, mach1_readings
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-from pipelines.experiments.static_loading import load_steps, measured as static_loading
+from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
@@ -177,7 +177,7 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
     moved = static_loading.displacement(
         laser_readings.readings(folder / file, settings=settings), folder / "calibration/laser.toml", settings=settings
     )
-    steps = load_steps.steps(moved, settings=settings)
+    steps = static_loading.steps(moved, settings=settings)
     found = static_loading.approach(moved, steps, settings=settings)
     known, time = truth(folder, "s"), found["time"].values
     approach = np.interp(time, known["time"], known["approach"])
@@ -201,7 +201,7 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     read = mach1_readings.readings(folder / names[0], settings=settings)
     loads = mach1_readings.loads(read, record, settings=settings)
     ramps = relaxation.ramps(loads, settings=settings)
-    curves = relaxation_moduli.curves(loads, ramps, None, None, settings=settings)
+    curves = relaxation.curves(loads, ramps, None, None, settings=settings)
     known = truth(folder, Path(names[0]).stem)
     noted(scores, ramps, known, ("plateau_force", "depth"))
     note(scores, "first touch", float(ramps["contact_position"]) - known["surface"], ramps["u_contact_position"].values)

@@ -25,7 +25,7 @@ from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
+_SMEARED = "the controller averages or filters the readings over the time of a contact, which smears an impact"
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
@@ -42,7 +42,6 @@ _OTHERWISE = {
 _REPEATS = (
     Repeated("drop_height", "height of the fall", "m"),
     Repeated("restitution", "first restitution", "1", of_two=0.05),
-    Repeated("fall_acceleration", G, "m/s2"),
 )
 _FAILED = record_checks.CAUSES | {
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
@@ -52,11 +51,8 @@ _FAILED = record_checks.CAUSES | {
 }
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
 TITLES = {
-    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, "direction of the fall")),
+    **fall_checks.OF_FALL,
     "stated height": Title("The measured fall equals the stated height.", (HEIGHT,)),
-    "order of the bounces": Title(
-        "0 < e < 1: every rebound is lower than the one before.", ("coefficients of restitution",)
-    ),
     "contact duration": Title("Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere.", (fall_checks.DURATION,)),
     "level at rest": Title("The floor stays in place: the body rests where it first touched.", ("level at rest",)),
     "repeats": Title("Repeats agree within their scatter.", ("repeats",)),
@@ -83,7 +79,22 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
-    of_falls = [_of_fall(fall, stiffness, settings, of_traces) for fall, _ in records]
+    gravity, of_falls = settings.model.gravity, list[list[Check]]()
+    for fall, _ in records:
+        found = [
+            fall_checks.acceleration(fall, gravity),
+            fall_checks.height(fall, settings.height),
+            fall_checks.restitution(fall),
+            fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, stiffness, gravity),
+            fall_checks.rest_level(fall),
+            fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
+        ]
+        for wrong in of_traces:  # lost rows explain their effects, but no contact that lasts longer
+            if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
+                is_long = any(c.name == fall_checks.DURATION and c.level and c.log_ratio > 0.0 for c in found)
+                cause = _SMEARED if is_long else wrong.cause
+                found = judgements.because(found, cause, *(c.name for c in found), file=fall.name)
+        of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
@@ -91,6 +102,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         replace(c, cause=_OTHERWISE.get(c.name, "")) if c.level and not c.cause and c.name not in named else c
         for c in checks
     ]
+    if any(c.name == HEIGHT and c.is_made and not c.level for c in checks):  # the other repeats fall as far as stated
+        wrong = _OTHERWISE[HEIGHT]
+        checks = [
+            replace(c, cause=_OF_ANOTHER, file=c.recording, setting="") if c.name == HEIGHT and c.cause == wrong else c
+            for c in checks
+        ]
     compared, inputs = given.each([rows]), inputs_of(model)
     if inputs:
         inputs[SCALE] = Quantity(1.0, 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"]), "1")
@@ -107,25 +124,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     )
 
 
-def _of_fall(
-    fall: Fall, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
-) -> list[Check]:
-    """Evaluate all redundancies of one recording; lost rows explain their effects."""
-    gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
-    checks = [
-        fall_checks.acceleration(fall, gravity),
-        fall_checks.height(fall, settings.height),
-        fall_checks.restitution(fall),
-        fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
-        fall_checks.rest_level(fall),
-        fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
-    ]
-    for wrong in of_traces:
-        if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-            checks = judgements.because(checks, wrong.cause, *(c.name for c in checks), file=fall.name)
-    return checks
-
-
 def _of_their_files(
     of_falls: Sequence[list[Check]],
     records: Sequence[tuple[Fall, xr.Dataset]],
@@ -138,7 +136,9 @@ def _of_their_files(
         return [check for found in of_falls for check in found]
     everything: list[Check] = []
     for found, (fall, moved) in zip(of_falls, records, strict=True):
-        causes = _causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)])
+        causes = list(_causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)]))
+        scaled = judgements.wrong_lengths(f"the gain or display factor of {fall.name} is not that of the other repeats")
+        causes.append(Cause({G: 1.0, HEIGHT: 1.0}, scaled, file=fall.name))
         everything += with_causes(found, explain(found, [c for c in causes if c.file == fall.name]))
     return everything
 
@@ -194,10 +194,12 @@ def _causes(
     # Hertz: t ~ m^0.4 R^-0.2 E^-0.4
     mass = judgements.stated_wrongly({lasts: -0.4}, "the moving mass", sphere.mass, "sphere.mass", "mass")
     radius = judgements.stated_wrongly({lasts: 0.2}, "the radius", sphere.radius, "sphere.radius", "size")
-    yield from (replace(typed, only_usual=True) for typed in (mass, radius))
+    # of a radius by which the sphere would weigh more than all that falls
+    light = (k for k in radius.usual if not fall_checks.body_stated(sphere.radius.value / k, sphere.mass.value).level)
+    yield from (replace(typed, only_usual=True) for typed in (mass, replace(radius, usual=tuple(light))) if typed.usual)
 
     def of_material(k: float) -> str:
-        text = f"the sphere's material is about {in_words(1 / k, 2)} times as stiff as stated, of another material then"
-        return text + _FILTERED * (k > 1.0)
+        text = f"the sphere is about {in_words(1 / k, 2)} times as stiff as stated: of another material or temperature"
+        return text + f"; or {_SMEARED}" * (k > 1.0)
 
     yield Cause({lasts: 0.4}, of_material, setting="sphere")

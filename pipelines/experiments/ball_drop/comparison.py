@@ -1,7 +1,6 @@
 """Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -45,11 +44,8 @@ def comparison(
     """
     first = float(model["impact_time"][0])
     since = model["time"].values - first
-    window = repeats["time"].where((repeats["time"] >= since[0]) & (repeats["time"] <= since[-1]))
-    time = window.dropna("time").values
-    measured = repeats["displacement_mean"].sel(time=time)
-    simulated = np.interp(time, since, model["displacement"].values)
-    made = apart(measured, simulated)
+    time = repeats["time"].sel(time=slice(since[0], since[-1])).values
+    made = apart(repeats["displacement_mean"].sel(time=time), np.interp(time, since, model["displacement"].values))
     made = made.assign(curve_table((), [_along(repeats.sel(time=time), model, since, made["residual"].values)]))
 
     count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
@@ -71,18 +67,17 @@ def comparison(
 
     # restitutions from the same fit to both, so that the shape of its pulse cancels
     fitted = seen["restitution"].values
-    gaps = {
-        "restitution": repeats["restitution"].values[:count]
-        - np.where(np.isfinite(fitted), fitted, model["restitution"].values[:count]),
-        "touch_time": repeats["touch_time"].values[:count] - (model["impact_time"].values[:count] - first),
-    }
-    own = {name: repeats[f"u_{name}"].values[:count] for name in gaps}
+    simulated = np.where(np.isfinite(fitted), fitted, model["restitution"].values[:count])
     without = _without_shape(repeats, "restitution")[:count]
-    own["restitution"] = np.where(np.isfinite(fitted), without, own["restitution"])
-    for name, simulated in (("restitution", "restitution"), ("touch_time", "impact_time")):
-        u, text = np.hypot(own[name], model[f"u_{simulated}"].values[:count]), f"{name}, measured minus model"
-        units = str(repeats[name].attrs["units"])
-        made = made.assign(with_u(f"{name}_difference", "impact", gaps[name], u, units, text))
+    u_seen = np.where(np.isfinite(fitted), without, repeats["u_restitution"].values[:count])
+    touched, u_touched = model["impact_time"].values[:count] - first, repeats["u_touch_time"].values[:count]
+    for name, of_model, theirs, own in (
+        ("restitution", "restitution", simulated, u_seen),
+        ("touch_time", "impact_time", touched, u_touched),
+    ):
+        gap, u = repeats[name].values[:count] - theirs, np.hypot(own, model[f"u_{of_model}"].values[:count])
+        units, text = str(repeats[name].attrs["units"]), f"{name}, measured minus model"
+        made = made.assign(with_u(f"{name}_difference", "impact", gap, u, units, text))
     return made
 
 
@@ -127,22 +122,16 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
     bias = (comparison["bias"], relative * float(np.abs(repeats["displacement_mean"]).mean()))
     yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, **of_curve(comparison))
     if "fall_acceleration" in repeats:
-        seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
-        gap, title = float(seen) - gravity.value, "acceleration of the free fall"
-        pairs: dict[str, Any] = {
-            "measured": (seen, u),
-            "model": gravity[:2],
-            "difference": (gap, np.hypot(u, gravity.u)),
-        }
-        yield row(title, "m/s2", n, slopes={SCALE: float(seen)}, **pairs)
-    yield from _of_impacts(comparison, repeats, model)
-
-
-def _of_impacts(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
-    """Yield the rows of the first impacts: title, variable of the repeats, variable of the model, impact."""
+        seen, u = (float(repeats[f"{u}fall_acceleration"]) for u in ("", "u_"))
+        gravity, title = settings.model.gravity, "acceleration of the free fall"
+        gap = (seen - gravity.value, np.hypot(u, gravity.u))
+        yield row(title, "m/s2", n, slopes={SCALE: seen}, measured=(seen, u), model=tuple(gravity[:2]), difference=gap)
     numbers = range(min(IMPACTS, comparison.sizes["impact"]))
-    shown = [(f"{RESTITUTION}{i + 1}", "restitution", "restitution", i) for i in numbers]
-    shown += [(f"{DURATION}{i + 1}", "contact_duration", "contact_duration", i) for i in numbers]
+    shown = [
+        (f"{title}{i + 1}", name, name, i)
+        for title, name in ((RESTITUTION, "restitution"), (DURATION, "contact_duration"))
+        for i in numbers
+    ]
     shown += [("speed of the first impact", "incoming_speed", "impact_speed", i) for i in numbers[:1]]
     shown += [("penetration of the first impact", "penetration", "penetration", i) for i in numbers[:1]]
     for title, ours, theirs, i in shown:

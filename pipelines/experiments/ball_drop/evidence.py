@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.identification import Bounces
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.drop_evidence import body, mean_height, of_drop
+from pipelines.experiments.shared.drop_evidence import of_drop
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 
 _LEAST_OF_TIME = 5e-5  # of a time of touch: accuracy of simulated and recorded clocks
@@ -35,29 +34,25 @@ def evidence(
     if count < 2:
         return "fewer than two impacts were seen"
 
-    def of_each(variable: str) -> Floats:
-        return np.array([b[variable].values[:count] for b in bounces])
-
-    touch = of_each("touch_time") - of_each("touch_time")[:, :1]
-    own = np.maximum(of_each("u_touch_time") ** 2 - of_each("shared_u_touch_time") ** 2, 0.0).mean(axis=0)
-    u_touch = np.maximum(np.sqrt(own), _scatter(touch)) / np.sqrt(len(bounces))
-    u_touch = np.maximum(u_touch, _LEAST_OF_TIME * touch.mean(axis=0))
-    unknowns = body(settings.sphere) | {
-        "height": mean_height(name, settings.height, np.array([float(b["drop_height"]) for b in bounces])),
-        "trigger": nuisance(f"{name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact"),
+    touch, u_touch, shared_u_touch, shared_u_duration = (
+        np.array([b[variable].values[:count] for b in bounces])
+        for variable in ("touch_time", "u_touch_time", "shared_u_touch_time", "shared_u_contact_duration")
+    )
+    touch = touch - touch[:, :1]
+    own = np.sqrt(np.maximum(u_touch**2 - shared_u_touch**2, 0.0).mean(axis=0))
+    if len(bounces) > 2:  # the scatter of times between repeats that their heights do not explain
+        mean = touch.mean(axis=0)
+        rest = touch - (touch @ mean / (mean @ mean))[:, None] * mean
+        own = np.maximum(own, np.linalg.norm(rest, axis=0) / np.sqrt(len(bounces) - 1))
+    own /= np.sqrt(len(bounces))
+    own = np.maximum(own, _LEAST_OF_TIME * touch.mean(axis=0))
+    unknowns = {
+        "trigger": nuisance(f"{name} trigger", 0.0, float(own[0]), "s", "delay of the first contact"),
         "pulse": nuisance("pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties"),
     }
-    none, shared = np.full(count, np.nan), (of_each("shared_u_contact_duration") ** 2).mean(axis=0)
+    none, shared = np.full(count, np.nan), (shared_u_duration**2).mean(axis=0)
     duration, u_duration = (repeats[f"{u}contact_duration"].values[:count] for u in ("", "u_"))
     u_duration = np.sqrt(np.maximum(u_duration**2 - shared, 0.0))
-    seen = Bounces(touch.mean(axis=0), u_touch, duration, u_duration, none, none, np.sqrt(shared))
-    return of_drop(name, settings, seen, unknowns, plate, file, fitted)
-
-
-def _scatter(touch: Floats) -> Floats:
-    """Return the scatter (impact,) of times between repeats that their heights do not explain."""
-    if len(touch) < 3:
-        return np.zeros(touch.shape[1])
-    mean = touch.mean(axis=0)
-    rest = touch - (touch @ mean / (mean @ mean))[:, None] * mean
-    return np.asarray(np.sqrt(np.sum(rest**2, axis=0) / (len(touch) - 1)))
+    seen = Bounces(touch.mean(axis=0), own, duration, u_duration, none, none, np.sqrt(shared))
+    heights = [float(b["drop_height"]) for b in bounces]
+    return of_drop(name, settings, seen, unknowns, plate, file, fitted, heights)

@@ -35,8 +35,7 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
     if not settings.analysis.inclination_from_height:
         return moved
     # the inclination from the fall of known height, along the line of sight
-    gain = float(moved["gain"])
-    along = moved["displacement_raw"] * gain
+    along = moved["displacement_raw"] * float(moved["gain"])
     fall = signals.bounces(along, contact=settings.analysis.contact)
     travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
     found = laser.inclination_from_drop(travel, settings.height)
@@ -49,8 +48,7 @@ def bounces(displacement: xr.Dataset, plate: xr.Dataset | None = None, *, settin
     found = signals.bounces(displacement, contact=settings.analysis.contact, floor=floor)
     relative = float(displacement.attrs["u_systematic_relative"])
     for name in (*_SPEEDS, "drop_height"):
-        own, scale = found[f"u_{name}"], relative * found[name].values
-        found[f"u_{name}"] = own.copy(data=np.hypot(own.values, scale))
+        found[f"u_{name}"].values = np.hypot(found[f"u_{name}"].values, relative * found[name].values)
     return found
 
 
@@ -69,34 +67,28 @@ def repeats(
     """Align the repeats at first contact: mean, band, outliers, and the table of bounces."""
     del settings
     starts = np.array([float(b["first_contact_time"]) for b in bounces])
-    levels = [float(b["contact_level"]) for b in bounces]
     shifted = [
-        (d["displacement"] - level).assign_attrs(d["displacement"].attrs)
-        for d, level in zip(displacement, levels, strict=True)
+        (d["displacement"] - float(b["contact_level"])).assign_attrs(d["displacement"].attrs)
+        for d, b in zip(displacement, bounces, strict=True)
     ]
-    made = signals.combine_repeats(shifted, starts)
     speeds = signals.combine_repeats([v["velocity"] for v in velocity], starts)
-    made = made.merge(speeds.drop_vars(["is_outlier", "n"]))
+    made = signals.combine_repeats(shifted, starts).merge(speeds.drop_vars(["is_outlier", "n"]))
     relative = float(displacement[0].attrs["u_systematic_relative"])
     random = made["displacement_sd"].values / np.sqrt(np.maximum(made["n"].values, 1))
     u = np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values)
     made["u_displacement_mean"] = variable("time", u, "m", "standard uncertainty: mean displacement")
-    made = made.merge(_table(bounces, relative)).merge(_fall(displacement, bounces, relative))
+    made = made.merge(_table(bounces, relative))
+    # of the acceleration of the free fall scale and clock are those of all repeats
+    g, own = (np.array([float(b[f"{u}fall_acceleration"]) for b in bounces]) for u in ("", "u_"))
+    known = np.isfinite(g) & np.isfinite(own)
+    if known.any():
+        mean, u, *_ = map(float, _mean(g[known], own[known], 0.0))
+        clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
+        u = float(np.linalg.norm([u, mean * relative, 2 * mean * clock]))
+        made = made.assign(with_u("fall_acceleration", (), mean, u, "m/s2", "acceleration of the free fall"))
     noise = float(np.mean([b.attrs["noise"] for b in bounces]))
     made.attrs = {"u_systematic_relative": relative, "noise": noise}
     return made
-
-
-def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
-    """Mean of the acceleration of the free fall; scale and clock are those of all repeats."""
-    values, own = (np.array([float(b[f"{u}fall_acceleration"]) for b in bounces]) for u in ("", "u_"))
-    known = np.isfinite(values) & np.isfinite(own)
-    if not known.any():
-        return xr.Dataset()
-    mean, u, *_ = _mean(values[known], own[known], 0.0)
-    clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
-    u = np.sqrt(u**2 + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
-    return xr.Dataset(with_u("fall_acceleration", (), float(mean), float(u), "m/s2", "acceleration of the free fall"))
 
 
 def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -116,22 +108,21 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         return np.array([padded(b[name].values, count) for b in bounces])
 
     first, unknown = bounces[0], bounces[0]["unknown"].values
-    of_noise = [text.startswith(NOISE) for text in unknown.tolist()]
+    of_noise = np.char.startswith(unknown.astype(str), NOISE)
     begins = np.array([float(b["first_contact_time"]) for b in bounces])[:, None]
     table: dict[str, Any] = {}
     for name in _PER_IMPACT:
-        values, own, units = of_all(name), of_all(f"u_{name}"), first[name].attrs["units"]
+        values, own, attrs = of_all(name), of_all(f"u_{name}"), first[name].attrs
         if name == "touch_time":
             values = values - begins
         shape = of_all(f"shared_u_{name}") if f"shared_u_{name}" in first else 0.0 * values
         scale = relative * np.nanmean(values, axis=0) * (name in _LENGTHS)
         mean, u, scatter, n = _mean(values, own, np.nanmean(shape**2, axis=0) + scale**2)
-        table |= with_u(name, "impact", mean, u, units, name)
-        table[name] = ("impact", mean, first[name].attrs)
+        table |= with_u(name, "impact", mean, u, attrs["units"], attrs["long_name"])
         text = f"standard deviation over repeats: {name}"
-        table[f"{name}_sd"] = variable("impact", np.where(n > 1, scatter, np.nan), units, text)
+        table[f"{name}_sd"] = variable("impact", np.where(n > 1, scatter, np.nan), attrs["units"], text)
         if (of_unknowns := f"common_{name}") in first:
             parts = np.nanmean(of_all(of_unknowns), axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
-            table[of_unknowns] = variable(("impact", "unknown"), parts, units, f"by common unknowns: {name}")
+            table[of_unknowns] = variable(("impact", "unknown"), parts, attrs["units"], f"by common unknowns: {name}")
     table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1), "unknown": unknown})

@@ -40,17 +40,20 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
     is_repeated = repeats.sizes["repeat"] > 1
     chart = partial(LineChart, x_label=_LABEL, group="drop", views=impact_views(repeats), height_px=220)
     position, speed = _measured("displacement", repeats, _MM), _measured("velocity", repeats, 1.0)
-    texts = [
-        "Mean of the repeats with the band of ± 2 standard deviations; point at the chart to show each."
-    ] * is_repeated
-    since = np.zeros(0) if model is None else model["time"].values - float(model["impact_time"][0])
+    caption = "Mean of the repeats with the band of ± 2 standard deviations; point at the chart to show each."
+    caption, apart, simulated = caption * is_repeated, list[LineChart](), list[LineChart]()
     if model is not None:
+        since = model["time"].values - float(model["impact_time"][0])
+        curve = partial(Series, "model", since * _MS, role="model")
         position += pages.model_curves(since * _MS, model["displacement"] * _MM, model["u_displacement"] * _MM)
-        speed.append(Series("model", since * _MS, model["velocity"].values, role="model"))
+        speed.append(curve(model["velocity"].values))
         if followed := int(np.isfinite(model["u_impact_time"]).sum()):
-            texts.append(f"The model's band is the effect of its inputs' uncertainties, until impact {followed}.")
-    label = "height over first contact / mm"
-    charts = [chart("Displacement", y_label=label, series=tuple(position), caption=" ".join(texts))]
+            caption += f" The model's band is the effect of its inputs' uncertainties, until impact {followed}."
+        for title, label, name, factor in (
+            ("Contact force (model)", "force / N", "force", 1.0),
+            ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
+        ):
+            simulated.append(chart(title, y_label=label, series=(curve(model[name].values * factor),)))
     if model is not None and comparison is not None:
         time = comparison["time"].values
         known = 2 * np.interp(time, since, model["u_displacement"].values) * _UM
@@ -59,32 +62,24 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
             wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
             drawn.append(Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
         drawn.append(Series("difference", time * _MS, comparison["residual"].values * _UM, role="residual"))
-        caption = (
+        spikes = (
             "An impact that is early or late in the model shows as a spike, as both curves are steep there; the table "
             "of bounces gives the difference in time."
         )
-        charts.append(chart("Measured minus model", y_label="difference / µm", series=tuple(drawn), caption=caption))
-    charts.append(chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed)))
-    if model is not None:
-        for title, label, name, factor in (
-            ("Contact force (model)", "force / N", "force", 1.0),
-            ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
-        ):
-            curve = Series("model", since * _MS, model[name].values * factor, role="model")
-            charts.append(chart(title, y_label=label, series=(curve,)))
-    return Section("Motion", tuple(charts))
+        apart.append(chart("Measured minus model", y_label="difference / µm", series=tuple(drawn), caption=spikes))
+    label = "height over first contact / mm"
+    moved = chart("Displacement", y_label=label, series=tuple(position), caption=caption.strip())
+    speeds = chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed))
+    return Section("Motion", (moved, *apart, speeds, *simulated))
 
 
 def impact_views(repeats: xr.Dataset) -> tuple[tuple[str, float, float], ...]:
     """Return windows in ms that show one of the first impacts each, a little more than its contact."""
-    touches = repeats["touch_time"].values[:IMPACTS]
-    found = repeats["contact_duration"].values[:IMPACTS]
+    touches, found = (repeats[name].values[:IMPACTS] for name in ("touch_time", "contact_duration"))
     durations = np.where(np.isfinite(found), found, _CONTACT)
-    return tuple(
-        (f"impact {i + 1}", float((t - _MARGIN * d) * _MS), float((t + (1 + _MARGIN) * d) * _MS))
-        for i, (t, d) in enumerate(zip(touches, durations, strict=True))
-        if np.isfinite(t)
-    )
+    begins, ends = touches - _MARGIN * durations, touches + (1 + _MARGIN) * durations
+    windows = enumerate(zip((begins * _MS).tolist(), (ends * _MS).tolist(), strict=True), 1)
+    return tuple((f"impact {i}", begin, end) for i, (begin, end) in windows if np.isfinite(begin))
 
 
 def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Band]:
@@ -95,13 +90,10 @@ def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Ba
     if repeats.sizes["repeat"] < 2:
         return [curve]
     wide = 2 * repeats[f"{name}_sd"].values * factor
-    titles = [
-        f"repeat {int(n)}{' (outlier)' * bool(flag)}"
-        for n, flag in zip(repeats["repeat"].values, repeats["is_outlier"].values, strict=True)
-    ]
+    flagged = zip(repeats["repeat"].values, repeats["is_outlier"].values, repeats[name].values * factor, strict=True)
     single = [
-        Series(title, time, values * factor, role="repeat", on_hover=True)
-        for title, values in zip(titles, repeats[name].values, strict=True)
+        Series(f"repeat {int(n)}{' (outlier)' * bool(flag)}", time, values, role="repeat", on_hover=True)
+        for n, flag, values in flagged
     ]
     return [Band(_SPREAD, time, mean - wide, mean + wide, role="measured"), *single, curve]
 
@@ -166,13 +158,10 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
 
 
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:
-    rows = [
-        (title, pages.told(model, name, 0), "first impact")
-        for title, name in (("peak force", "peak_force"), ("largest contact radius", "peak_contact_radius"))
-    ]
+    rows = [("peak force", pages.told(model, "peak_force", 0), "first impact")]
+    rows.append(("largest contact radius", pages.told(model, "peak_contact_radius", 0), "first impact"))
     rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
-    limits = pages.limits_of(model)
-    plate = json.loads(model.attrs["plate"])
+    limits, plate = pages.limits_of(model), json.loads(model.attrs["plate"])
     if plate is None:
         return Section("Model", (KeyValues(rows), *limits, Paragraph(_RIGID_FLOOR)))
     rigid = f"without its motion the first restitution is {float(model['rigid_restitution']):.5f}"
@@ -182,11 +171,7 @@ def _model(settings: BallDrop, model: xr.Dataset) -> Section:
 
 
 def _methods(
-    settings: BallDrop,
-    repeats: xr.Dataset,
-    displacement: Sequence[xr.Dataset | None] = (),
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
+    settings: BallDrop, displacement: Sequence[xr.Dataset | None] = (), model: xr.Dataset | None = None
 ) -> Section:
     sphere, n = settings.sphere, len(settings.laser)
     times = {1: "once", 2: "twice"}.get(n, f"{n} times")
@@ -208,15 +193,7 @@ def _methods(
             f"by the method of dimensionality reduction (profile: {settings.model.profile}, tolerance "
             f"{settings.model.rtol:g}). "
         )
-    if comparison is not None:
-        text += (
-            "The normalised root-mean-square error between the mean displacement and the model, relative to the range "
-            f"of the model, was {float(comparison['nrmse']) * 100:.2f} %. "
-        )
-    first = pages.told(repeats, "restitution", 0)
-    return pages.methods(
-        f"{text}The coefficient of restitution of the first impact was {first} (standard uncertainty).", settings
-    )
+    return pages.methods(text.strip(), settings)
 
 
 page = Report(

@@ -19,22 +19,18 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
 from pipelines.experiments.shared.film_checks import (
-    CAUSES,
-    explained,
     exposed,
     exposure_stated,
     frame_times,
     in_order,
     no_copies,
-    whole_film,
+    of_film,
     wrong_rate,
 )
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
 
-_LASTS = 0.03
-"""Relative, by which gravity and losses (restitutions of 0.4 to 0.93) change a contact's duration over a²."""
 _CLOCK = 1e-4
 """Relative uncertainty of the frame rate of a camera."""
 _LIKE_MODEL = (1.6, 0.1)
@@ -50,14 +46,13 @@ _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and 
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
 _FEWEST = 8  # frames with a contact, in which one may jump
 _LONGER = 1.5  # of the usual interval between frames in contact, from which some are missing
-_MENDS = {"region": "region"}  # setting, by the reason of the error
-_FAILED = CAUSES | {
+_FAILED = {
     "region": "region does not lie in the images",
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
     "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
 }
 ORDER = "order of the impacts"
-RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
+RADIUS, FRINGE, FLIGHT = "largest radius", "spacing of the fringes", "first flight"
 TITLES = {
     **judgements.OF_FILM,
     "fringes": Title(
@@ -71,7 +66,6 @@ TITLES = {
     "contact radius": Title(
         "Hertz: a ∝ R^0.4 (m h)^0.2 E^-0.2.", (RADIUS,)
     ),
-    "contact duration": Title("The first contact lasts as long as one of its radius.", (DURATION,)),
     "flights": Title(
         "A flight lasts 2 v/g, with v from the stated height and the restitution.", (FLIGHT,)
     ),
@@ -85,24 +79,22 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     radius, impacts, sphere = given.get("radius"), given.get("impacts"), settings.sphere
-    whole = whole_film(context, settings.film)
-    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
+    _, checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
-        checks += _of_frames(radius, impacts, whole, settings)
-        checks += given.each((_fringes, _method, _flies, _stays))
+        checks += _of_frames(radius, impacts, settings)
+        checks += given.each((_fringes, _flies, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
-        checks += given.each((_like_model, _order, _flight, _duration))
-        # where impacts do not follow each other, or frames are lost, another flight is compared with the stated height
+        checks += given.each((_like_model, _order, _flight))
+        # where impacts do not follow each other another flight is compared with the stated height
         order = next(c for c in checks if c.name == ORDER)
-        checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
-    causes = given.each([_causes])
+        checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, log_ratio=nan)
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     return Scene(
         checks,
-        causes,
+        given.each([_causes]),
         given.each([rows]),
         inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
@@ -112,11 +104,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     )
 
 
-def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, settings: ContactArea) -> Iterator[Check]:
-    """Evaluate the frames of the film, their light, times and order."""
+def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Iterator[Check]:
+    """Evaluate the exposure, times and order of the frames."""
     film, frame, time = settings.film, radius["frame"].values, radius["time"].values
     touches, is_sound = (radius[name].values.astype(bool) for name in ("in_contact", "valid"))
-    yield from (whole, exposed(radius, film), exposure_stated(radius, film, settings.exposure))
+    yield exposure_stated(radius, film, settings.exposure)
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
     inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
     yield frame_times(film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
@@ -125,36 +117,33 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, set
     a, u = radius["radius"].values, radius["u_radius"].values
     measured = touches & np.isfinite(a * u)
     noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
-    yield in_order(film, frame, np.where(touches, a**2, np.where(is_sound, 0.0, nan)), noise, time, ~touches)
+    square = np.where(touches, a**2, np.where(is_sound, 0.0, nan))
+    yield in_order(film, frame, square, noise=noise, time=time, missed=~touches)
 
 
-def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
-    light, body = settings.wavelength, settings.sphere.radius
-    ratio = float(radius.attrs.get("phase_scale_ratio", nan))
-    if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
-        return not_made(FRINGE, "a wavelength, and fringes that the film resolves")
-    u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
-    message = (
-        f"{settings.film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the "
-        f"fringes, or else a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % "
-        f"{'longer' if ratio > 1 else 'shorter'} than stated"
-    )
-    u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
-    return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)
-
-
-def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name = "fringes are resolved"
+def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
+    """Look for fringes, and compare their spacing with the stated wavelength, radius and scale."""
+    light, body, film = settings.wavelength, settings.sphere.radius, settings.film
     edges, fringes = edges_only(radius)
-    if settings.wavelength is None:
-        return not_made(name, "the wavelength of monochromatic light")
-    message = f"{settings.film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+    ratio = float(radius.attrs.get("phase_scale_ratio", nan))
+    if light is None:
+        yield not_made(FRINGE, "the wavelength of monochromatic light")
+        return
+    if fringes and isfinite(ratio):
+        u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
+        u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
+        message = (
+            f"{film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the fringes, "
+            f"or else a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
+        )
+        yield compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=film)
+    message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     if level == "doubtful":
         other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        cause = exposed(radius, settings.film).cause or other
-    return stated(name, message, level, cause=cause, file=settings.film)
+        cause = exposed(radius, film).cause or other
+    yield stated("fringes are resolved", message, level, cause=cause, file=film)
 
 
 def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, is_law: bool = True) -> Check:
@@ -207,12 +196,11 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
     peak = impacts["peak_time"].values
     if peak.size < 3:
         return not_made(FLIGHT, "three impacts")
-    shortest, longest = zip(*(_seen_lasting(radius, impacts, i) for i in range(2)), strict=True)
-    touches, alike, (allowed, rough) = np.array(shortest), 1.0, _LOSSES
+    # a contact lasts from within the interval before its first frame to within that after its last one
+    touches = (impacts["last_seen"] - impacts["first_seen"]).values[:2] + float(np.median(np.diff(radius["time"])))
+    alike, (allowed, rough) = 1.0, _LOSSES
     if model is not None and model.sizes["impact"] > 2:
-        # the contact of a wrong mass lasts otherwise than the frames show; how restitution changes with speed hardly
-        # depends on what it is
-        touches = np.clip(model["contact_duration"].values[:2], shortest, longest)
+        # how restitution changes with speed hardly depends on what the body is
         alike, (allowed, rough) = float(model["restitution"][0] / model["restitution"][1]), _LOSSES_KNOWN
     first, second = (float(lasts) for lasts in np.diff(peak[:3]) - touches)
     if min(first, second) <= 0.0:
@@ -224,37 +212,9 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         f"for e = {e:.3f} by the second flight"
     )
     u = hypot(rough, 0.5 * settings.height.u / settings.height.value)
-    # a change of restitution makes nothing impossible: the material may be another
-    return _like(FLIGHT, message, first / expected, allowed, u, settings.film, is_law=False)
-
-
-def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:
-    """Return the shortest and the longest time [s] that a contact lasted, by the frames that show it and not."""
-    first, last = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
-    time = radius["time"].values[radius["valid"].values.astype(bool)]
-    before, after = time[time < first], time[time > last]
-    return last - first, float(after[0] - before[-1]) if before.size and after.size else inf
-
-
-def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
-    """Hold the first contact's duration against its radius: both go with mass and modulus by the same law."""
-    if model is None or not model.sizes["impact"]:
-        return not_made(DURATION, "a model of the drop")
-    shortest, longest = _seen_lasting(radius, impacts, 0)
-    if not isfinite(longest):
-        return not_made(DURATION, "a frame before and one after the first contact")
-    seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
-    if shortest > 0.0:  # bounds far apart, with undecided frames between them, are a bound of the logarithm
-        seen, own = sqrt(shortest * longest), sqrt(shortest * longest / 24.0) * log(longest / shortest)
-    a, u_a = (float(impacts[name][0]) for name in ("peak_radius", "u_peak_radius"))
-    expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
-    height, body = settings.height, settings.sphere.radius
-    u = hypot(2 * u_a / a, 0.5 * height.u / height.value, body.u / body.value, _LASTS)
-    message = (
-        f"{settings.film}: contact for {quantity(seen, 's')}; one of {quantity(a, 'm')} in radius lasts "
-        f"{quantity(expected, 's')} at the speed of the stated height"
-    )
-    return compared(DURATION, message, seen, own, expected, u * expected, file=settings.film, setting="height")
+    # the material may be another, but no restitution changes by half from one impact to the next
+    is_law = abs(log(first / expected)) > log(1.5)
+    return _like(FLIGHT, message, first / expected, allowed, u, settings.film, is_law=is_law)
 
 
 def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -286,13 +246,12 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
         lines = tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01)
         yield replace(colour, usual=lines, slack=_OF_LINES)
     relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
-    of_lengths = {FRINGE: -2.0, RADIUS: 1.0, DURATION: -2.0}
+    of_lengths = {FRINGE: -2.0, RADIUS: 1.0}
     yield judgements.wrong_scale(of_lengths, settings.camera, relative or inf)
-    of_radius = {FRINGE: 1.0, RADIUS: -0.4, DURATION: 1.0}
+    of_radius = {FRINGE: 1.0, RADIUS: -0.4}
     yield judgements.stated_wrongly(of_radius, "the sphere's radius", sphere.radius, "sphere.radius")
-    of_times = {FLIGHT: -1.0, DURATION: -1.0}
-    yield wrong_rate(of_times, settings.frame_rate, radius, settings.film, _CLOCK)
-    of_height = {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5}
+    yield wrong_rate({FLIGHT: -1.0}, settings.frame_rate, radius, settings.film, _CLOCK)
+    of_height = {FLIGHT: -0.5, RADIUS: -0.2}
     yield judgements.stated_wrongly(of_height, "the drop height", settings.height, "height")
     mass = judgements.stated_wrongly({RADIUS: -0.2}, "the moving mass", sphere.mass, "sphere.mass", "mass", inf)
 

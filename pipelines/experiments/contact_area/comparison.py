@@ -92,7 +92,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         deviation = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
         of_impact[i] = form.peak, *fit, deviation
     peak, size, u_size, shift, u_shift, nrmse = of_impact.T
-    largest = model["peak_contact_radius"].values[:count]
+    largest, u_largest = (model[f"{u}peak_contact_radius"].values[:count] for u in ("", "u_"))
     # where the frames of a whole contact are too few, its largest radius alone
     ours, u_ours = (
         np.where(np.isfinite(fitted), largest * fitted, impacts[name].values[:count])
@@ -100,27 +100,22 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     )
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
-    u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
-    of_frames = (
-        ("impact_number", "1", "impact of a compared frame"),
-        ("since_peak", "s", "time since the largest radius"),
-        ("film", "m", "contact radius, film"),
-        ("u_film", "m", "standard uncertainty: contact radius, film"),
-        ("model", "m", "contact radius, model"),
-    )
-    of_impacts = (
-        ("nrmse", nrmse, "1", "root-mean-square error over largest radius of the model"),
-        ("peak_radius_alike", beyond * ours, "m", f"part of its uncertainty that all impacts share: {FRAMES}"),
-        ("peak_radius_model", largest, "m", "largest radius, model"),
-        ("model_peak_time", peak, "s", "time of the model's largest radius"),
-    )
-    columns = zip(of_frames, np.concatenate(points, axis=1), strict=True)
-    apart = "largest radius, film minus model"
+    number, since_peak, film, u_film, simulated = np.concatenate(points, axis=1)
+    gap = ("impact", ours - largest, np.hypot(u_ours, u_largest), "m", "largest radius, film minus model")
+    alike_text = f"part of its uncertainty that all impacts share: {FRAMES}"
     return xr.Dataset(
-        {name: variable("sample", values, units, text) for (name, units, text), values in columns}
-        | {name: variable("impact", values, units, text) for name, values, units, text in of_impacts}
+        with_u("film", "sample", film, u_film, "m", "contact radius, film")
+        | {
+            "model": variable("sample", simulated, "m", "contact radius, model"),
+            "impact_number": variable("sample", number, "1", "impact of a compared frame"),
+            "since_peak": variable("sample", since_peak, "s", "time since the largest radius"),
+            "nrmse": variable("impact", nrmse, "1", "root-mean-square error over largest radius of the model"),
+            "peak_radius_alike": variable("impact", beyond * ours, "m", alike_text),
+            "peak_radius_model": variable("impact", largest, "m", "largest radius, model"),
+            "model_peak_time": variable("impact", peak, "s", "time of the model's largest radius"),
+        }
         | with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film")
-        | with_u("peak_radius_difference", "impact", ours - largest, u, "m", apart)
+        | with_u("peak_radius_difference", *gap)
         | with_u("time_shift", "impact", np.nan_to_num(shift), u_shift, "s", "shift of the model to earlier times")
         | curve_table("impact", agreed),
         coords={"impact": np.arange(1, count + 1)},
@@ -142,14 +137,15 @@ def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: For
         return (np.nan,) * 4
     step, since = float(np.median(np.diff(time))), time - float(np.mean(time))
 
+    def at(values: Floats) -> Floats:
+        return np.asarray(time + values[1] * step - values[2] * since)
+
     def rest(values: Floats) -> Floats:
-        size, shift, longer = values
-        return np.asarray((radius - size * form(time + shift * step - longer * since)) / random)
+        return np.asarray((radius - values[0] * form(at(values))) / random)
 
     def slopes(values: Floats) -> Floats:
-        size, shift, longer = values
-        at = time + shift * step - longer * since
-        return np.column_stack([-form(at), *(-size * form.rate(at) * by for by in (step, -since))]) / random[:, None]
+        rate = -values[0] * form.rate(at(values))
+        return np.column_stack([-form(at(values)), rate * step, -rate * since]) / random[:, None]
 
     found = least_squares(rest, [1.0, 0.0, 0.0], slopes, method="lm")
     size, shift, longer = found.x

@@ -7,7 +7,7 @@ import xarray as xr
 
 from labpipe.identification import Bounces
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.drop_evidence import body, mean_height, of_drop
+from pipelines.experiments.shared.drop_evidence import of_drop
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 
 _LEAST_RELATIVE = 5e-4  # of a radius
@@ -31,10 +31,6 @@ def evidence(
     relative = float(film.attrs["u_systematic_relative"])
     radius, whole = (made[of].values[:count] for of in ("peak_radius", "u_peak_radius"))
     u = np.sqrt(np.maximum(whole**2 - (relative * radius) ** 2, (_LEAST_RELATIVE * radius) ** 2))
-    unknowns = body(settings.sphere) | {
-        "height": mean_height(name, settings.height, np.empty(0)),
-        "pixel": nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film"),
-    }
-    none = np.full(count, np.nan)
+    scale, none = nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film"), np.full(count, np.nan)
     seen = Bounces(none, none, none, none, radius, u)
-    return of_drop(name, settings, seen, unknowns, plate, file, fitted)
+    return of_drop(name, settings, seen, {"pixel": scale}, plate, file, fitted)

@@ -35,21 +35,13 @@ def model(
 
     ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
     """
-    sphere, height = settings.sphere, settings.height
-    solid = resolve(sphere, material_file, fitted)
-
-    def simulated(duration: float) -> xr.Dataset:
-        sources, of = (material_file, fitted, plate), "peak_contact_radius"
-        return simulated_drop(settings, *sources, duration, _STEP, followed=IMPACTS, of_budget=of, full=full)
-
-    fall = float(np.sqrt(2 * height.value / settings.model.gravity.value))
+    sphere, sources = settings.sphere, (material_file, fitted, plate)
+    fall = float(np.sqrt(2 * settings.height.value / settings.model.gravity.value))
     begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
     duration = fall + float(radius["time"][-1]) - begun + 2 * WINDOW
-    made = simulated(duration)
-    # from a wrong height, or in a film that lost frames, the last impact comes later than the film ends
-    if 1 < made.sizes["impact"] < impacts.sizes["impact"]:
-        duration += float(np.diff(made["impact_time"])[-1])
-        made = simulated(duration)
+    of = "peak_contact_radius"
+    made = simulated_drop(settings, *sources, duration, _STEP, followed=IMPACTS, of_budget=of, full=full)
+    solid = resolve(sphere, material_file, fitted)
     first = float(made["contact_duration"][0]) if made.sizes["impact"] else _STEP
     made = _with_edge(made, solid, radius, settings)
     for name, time in (("brief", first), ("lasting", duration - fall)):

@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.imaging import USUAL_WORK
 from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
@@ -18,7 +17,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import linear_range_rows
-from pipelines.experiments.shared.film_frames import DrawnFilm, drawing_of, film_of, strip
+from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
@@ -80,8 +79,8 @@ def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
 def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Section:
     drawn = [_drawn(keys.isel(key=i)) for i in range(keys.sizes["key"])]
     top = int(np.argmax(np.nan_to_num(keys["circle_radius"].values))) if drawn else 0
-    shown = "The frames of each impact, of a long one every few, and rest"
-    shown = shown if impacts is not None else "Frames all over the film, since no impact was found in it"
+    shown = "Frames all over the film, since no impact was found in it"
+    shown = shown if impacts is None else "The frames of each impact, of a long one every few, and rest"
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
     gallery = strip("Film with the fitted circle", drawn, start=top, group=_GROUP, caption=caption)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
@@ -95,21 +94,22 @@ def film(path: Path, radius: xr.Dataset | None, *, settings: ContactArea) -> Dra
     frame, found = radius["frame"].values, radius["radius"].where(radius["in_contact"]).values
     names = {"First contact": np.isfinite(found).argmax(), "Largest radius": np.nan_to_num(found).argmax()}
     jumps = {name: int(frame[at]) for name, at in names.items() if np.isfinite(found[at])}
-    return DrawnFilm(
-        source, frame, lambda key, at: _drawn(with_circles(key, radius.isel(frame=[at])).isel(key=0)), jumps
-    )
+
+    def drawn(key: xr.Dataset, at: int) -> Drawn:
+        return _drawn(with_circles(key, radius.isel(frame=[at])).isel(key=0))
+
+    return DrawnFilm(source, frame, drawn, jumps)
 
 
-def _drawn(key: xr.Dataset) -> tuple[NDArray[np.uint8], str, str, float]:
+def _drawn(key: xr.Dataset) -> Drawn:
     """Draw the fitted circle on a frame; return it with a description, a caption and its place on the charts."""
     canvas, scale, shift = drawing_of(key)
-    x, y, r = (float(key[n]) for n in ("circle_x", "circle_y", "circle_radius"))
+    x, y, r, major, minor, angle = (float(key[f"circle_{n}"]) for n in ("x", "y", "radius", "major", "minor", "angle"))
     if all(map(math.isfinite, (x, y, r))):
         unit = scale * (1 << _SUB_PIXEL)
         centre = (round((x + shift / scale) * unit), round((y + shift / scale) * unit))
-        axes = (float(key[f"circle_{axis}"]) for axis in ("major", "minor"))
-        size = [round((axis if math.isfinite(axis) else r) * unit) for axis in axes]
-        turned = math.degrees(float(np.nan_to_num(key["circle_angle"])))
+        size = [round((axis if math.isfinite(axis) else r) * unit) for axis in (major, minor)]
+        turned = math.degrees(angle) if math.isfinite(angle) else 0.0
         cv2.ellipse(canvas, centre, size, turned, 0, 360, _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
     found = "no radius"
@@ -132,21 +132,18 @@ def _over_time(
     model: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Section:
-    time = radius["time"].values * 1e3
-    seen = radius["in_contact"].values.astype(bool)
+    time, seen = radius["time"].values * 1e3, radius["in_contact"].values.astype(bool)
     shown = np.where(seen, radius["radius"].values, 0.0) * 1e3
-    views: tuple[tuple[str, float, float], ...] = ()
-    if impacts is not None:
-        peaks = impacts["peak_time"].values * 1e3
-        views = tuple((f"impact {i + 1}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks))
+    peaks = np.zeros(0) if impacts is None else impacts["peak_time"].values * 1e3
+    views = tuple((f"impact {i}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks, 1))
     known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values) * 1e3
     known = np.where(seen & np.isfinite(known), known, 0.0)
     curves = [Series("film", time, shown, role="measured", style="points", u=known)]
-    if model is not None and impacts is not None and impacts.sizes["impact"]:
-        start = float(impacts["peak_time"][0])
+    if model is not None and peaks.size:
+        start = peaks[0]
         if comparison is not None and comparison.sizes["impact"]:
-            start -= float(comparison["model_peak_time"][0] + comparison["time_shift"][0])
-        when = (model["time"].values + start) * 1e3
+            start -= 1e3 * float(comparison["model_peak_time"][0] + comparison["time_shift"][0])
+        when = model["time"].values * 1e3 + start
         inside = (when >= time[0]) & (when <= time[-1])
         a = model["contact_radius"].values[inside] * 1e3
         curves.append(Series("model, aligned at the first impact", when[inside], a, role="model"))
@@ -186,23 +183,19 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
+def _methods(settings: ContactArea, radius: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
-    methods = ((counts[code], text) for code, (_, text) in _METHODS.items())
-    parts = [f"in {pages.counted(count, 'frame')} {text}" for count, text in methods if count and text]
+    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code] and text]
+    parts = [f"in {pages.counted(count, 'frame')} {text}" for count, text in used]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
-    text += ". "
     if settings.wavelength is not None and (counts[1] or counts[OPEN_GAP]):
         text += (
-            f"The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
-            "contact with the same gap around it, whether the surfaces stick or not. "
+            f". The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
+            "contact with the same gap around it, whether the surfaces stick or not"
         )
-    if impacts.sizes["impact"]:
-        first = pages.told(impacts, "peak_radius", 0)
-        text += f"The largest radius of the first impact was {first} (standard uncertainty)."
-    return pages.methods(text, settings)
+    return pages.methods(f"{text}.", settings)
 
 
 page = Report(

@@ -1,7 +1,6 @@
 """Comparison of a film of the holder with the laser."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -55,9 +54,15 @@ def comparison(
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
     pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
-    return made.assign(curve_table((), [agreement]) | pair | _restitutions(bounces, laser)).assign_coords(
-        impact=np.arange(1, min(bounces.sizes["impact"], laser.sizes["impact"]) + 1)
+    made = made.assign(curve_table((), [agreement]) | pair)
+    count, name = min(bounces.sizes["impact"], laser.sizes["impact"]), "restitution"
+    (ours, own), (theirs, others) = (
+        (one[name].values[:count], one[f"u_{name}"].values[:count]) for one in (bounces, laser)
     )
+    difference = ("difference", ours - theirs, np.hypot(own, others))
+    for key, values, u in (("film", ours, own), ("laser", theirs, others), difference):
+        made = made.assign(with_u(f"{name}_{key}", "impact", values, u, "1", f"{name}, {key}"))
+    return made.assign_coords(impact=np.arange(1, count + 1))
 
 
 def _along(
@@ -83,19 +88,6 @@ def _along(
     if not size @ weighted > 0.0:
         return agreed, np.nan, np.nan
     return agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5)
-
-
-def _restitutions(film: xr.Dataset, laser: xr.Dataset) -> dict[str, Any]:
-    """Return the coefficients of restitution of the impacts that both show, and their differences."""
-    count, name = min(film.sizes["impact"], laser.sizes["impact"]), "restitution"
-    (ours, own), (theirs, others) = (
-        (one[name].values[:count], one[f"u_{name}"].values[:count]) for one in (film, laser)
-    )
-    apart = ("difference", ours - theirs, np.hypot(own, others))
-    table: dict[str, Any] = {}
-    for key, values, u in (("film", ours, own), ("laser", theirs, others), apart):
-        table |= with_u(f"{name}_{key}", "impact", values, u, "1", f"{name}, {key}")
-    return table
 
 
 def rows(comparison: xr.Dataset) -> Iterator[Row]:

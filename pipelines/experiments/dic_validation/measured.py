@@ -36,6 +36,7 @@ _KEYS = 9
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
+_ACROSS = ("displacement_x", "displacement_y", "u_displacement_x", "u_displacement_y")
 _CLEAR = 50.0  # standard uncertainties of a travel whose direction is determined
 
 
@@ -50,7 +51,11 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
     found = imaging.track(source, points, **options)
-    return _with_bytes(found, source, coarse)
+    work = json.loads(found.attrs["work"]) | {"frames_read": found.sizes["frame"]}
+    work["coarse_frames_read"] = coarse.get("frames_read", 0)
+    work["pixels_read"] = min(work["pixels_read"], work["pixels_total"])  # still frames are read twice
+    kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
+    return found.assign_attrs(kept, work=json.dumps(work))
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -59,12 +64,9 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
     width = chosen.body_subset or min(_LARGEST_BODY, rows // 3, columns // 2)
     width += 1 - width % 2
     body = chosen.body or (0.5 * (columns - 1), max(0.25 * rows, width / 2 + 2))
-    points, subsets = [tuple(body)], [width]
+    points, subsets = [(float(body[0]), float(body[1]))], [width]
     if chosen.line is not None:
-        (x0, y0), (x1, y1) = chosen.line
-        share = np.linspace(0.0, 1.0, chosen.points)
-        line = zip(x0 + share * (x1 - x0), y0 + share * (y1 - y0), strict=True)
-        points += [(float(x), float(y)) for x, y in line]
+        points += [(x, y) for x, y in np.linspace(*chosen.line, chosen.points).tolist()]
         subsets += [chosen.subset + 1 - chosen.subset % 2] * chosen.points
     half = width // 2
     for name, ends, beside in (("body", [body], 0), ("body_subset", [body], half), ("line", chosen.line or (), 0)):
@@ -75,26 +77,23 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
                     f"tracking.{name}: {what}({x:g}, {y:g}) reaches beyond the images, which are {columns} px wide and "
                     f"{rows} px high; give px of the first image, x to the right and y down"
                 ).because(f"tracking.{name}")
-    return [(float(x), float(y)) for x, y in points], subsets
+    return points, subsets
 
 
 def _static_frames(source: FrameSource, centre: tuple[float, float], width: int) -> int:
     """Count the frames before the motion, by the growth of the difference from the first."""
-    half = width // 2
-    left, top = max(0, round(centre[0]) - half), max(0, round(centre[1]) - half)
+    left, top = (max(0, round(c) - width // 2) for c in centre)
     part = source.roi(slice(top, top + width), slice(left, left + width))
     sound = np.flatnonzero(source.valid)[: round(_MOST_STATIC / _MARGIN) + 1]
     if len(sound) < 3:
         return 1
-    first = part[int(sound[0])].astype(float)
-    noise = None
-    for place, index in enumerate(sound[1:], 1):
-        image = part[int(index)].astype(float)
-        # the light may drift; its mean is not motion
-        apart = float(np.std(image / max(image.mean(), 1e-9) * first.mean() - first))
-        noise = apart if noise is None else min(noise, apart)
-        if apart > _MOVING * noise + 1e-9:
-            return max(1, int(_MARGIN * place))
+    images = np.stack([part[int(i)] for i in sound]).astype(float)
+    # the light may drift; its mean is not motion
+    images *= images[0].mean() / np.maximum(images.mean(axis=(1, 2), keepdims=True), 1e-9)
+    apart = np.std(images[1:] - images[0], axis=(1, 2))
+    moving = np.flatnonzero(apart > _MOVING * np.minimum.accumulate(apart) + 1e-9)
+    if moving.size:
+        return max(1, int(_MARGIN * (moving[0] + 1)))
     return min(_MOST_STATIC, int(_MARGIN * len(sound)) or 1)
 
 
@@ -114,24 +113,6 @@ def _worth_reading(
     last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
     dense = np.arange(min(count, max(last + _AFTER_REST, static)))
     return json.loads(found.attrs["work"]), np.union1d(dense, coarse)
-
-
-def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) -> xr.Dataset:
-    """Count the coarse pass too, and bytes instead of pixels."""
-    work = json.loads(found.attrs["work"])
-    size = np.asarray(source[int(np.flatnonzero(source.valid)[0])]).dtype.itemsize
-    for name in ("subsets_solved", "iterations", "reseeds"):
-        work[name] += coarse.get(name, 0)
-    total = work.pop("pixels_total")
-    # the static frames are read twice, for the reference and as frames, but counted once
-    work["bytes_read"] = min(work.pop("pixels_read"), total) * size
-    work["bytes_total"] = total * size
-    work["frames_read"] = found.sizes["frame"]
-    work["coarse_frames_read"] = coarse.get("frames_read", 0)
-    work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
-    return found.assign_attrs(
-        work=json.dumps(work), recorded=recorded_on(source), light=light_of(source), said_by_file=said_by_file(source)
-    )
 
 
 def statuses(track: xr.Dataset) -> NDArray[np.str_]:
@@ -157,19 +138,14 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     direction, u_direction = _direction(body)
     turn, tilt = direction if abs(direction) < STRAIGHT else 0.0, settings.camera_tilt
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
-    along = upwards * body["displacement_y"].values + across * body["displacement_x"].values
-    noise = np.hypot(upwards * body["u_displacement_y"].values, across * body["u_displacement_x"].values)
-    result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})
-    for name, values, u, text in (
-        ("displacement", along, noise, "displacement of the holder along its motion, upwards"),
-        ("rotation", body["rotation"].values, body["u_rotation"].values, "rotation of the holder, clockwise"),
-    ):
-        units = "rad" if name == "rotation" else "m"
-        result = result.assign(with_u(name, "time", values, u, units, text, "(random)"))
+    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
+    along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
+    text = "displacement of the holder along its motion, upwards"
+    table = with_u("displacement", "time", along, noise, "m", text, "(random)")
+    turned, u_turned = (body[name].values for name in ("rotation", "u_rotation"))
+    table |= with_u("rotation", "time", turned, u_turned, "rad", "rotation of the holder, clockwise", "(random)")
     text = "direction of the motion to the image's columns, to the right of upwards"
-    result = result.assign(with_u("direction", (), direction, u_direction, "rad", text))
-    for name in ("pixel_size", "u_pixel_size"):
-        result[name] = moved[name]
+    table |= with_u("direction", (), direction, u_direction, "rad", text)
     size = float(moved["pixel_size"])
     sources = [Source(*(row[key] for key in Source._fields)) for row in json.loads(moved.attrs["budget"])]
     # the camera may be turned, or the body may move at an angle: the displacement is that along the motion, or less
@@ -178,16 +154,19 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         "tilt of the camera": math.hypot(math.tan(tilt.value) * tilt.u, math.sqrt(0.75) * tilt.u**2),
     }
     sources += [Source(name, 0.0, u, "1", size, "systematic") for name, u in open_angle.items() if u > 0.0]
-    result.attrs["u_systematic_relative"] = combined_uncertainty(sources) / size
-    result.attrs["budget"] = json.dumps(budget_rows(sources))
-    result.attrs["calibration"] = moved.attrs["calibration"]
-    return result
+    attrs = {
+        "u_systematic_relative": combined_uncertainty(sources) / size,
+        "budget": json.dumps(budget_rows(sources)),
+        "calibration": moved.attrs["calibration"],
+    }
+    made = xr.Dataset(table, {"time": variable("time", track["time"].values, "s", "time in the film")}, attrs)
+    return made.assign({name: moved[name] for name in ("pixel_size", "u_pixel_size")})
 
 
 def _direction(body: xr.Dataset) -> tuple[float, float]:
     """Return the angle of the motion to the image's columns with its u [rad]; NaN where it is unclear."""
-    x, y = body["displacement_x"].values, body["displacement_y"].values
-    away, noise = np.hypot(x, y), np.hypot(body["u_displacement_x"].values, body["u_displacement_y"].values)
+    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
+    away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
     far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))
     if far.size < 4 or np.nanmax(away) < _CLEAR * np.nanmedian(noise):
         return math.nan, math.nan
@@ -219,18 +198,16 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
     """
     source = film_of(film, settings)
     time = track["time"].values
-    events = list(np.linspace(time[0], time[-1], _KEYS))
+    events = np.linspace(time[0], time[-1], _KEYS)
     if bounces is not None:
-        events = [float(bounces["release_time"]), float(bounces["rest_time"])]
-        for name in ("touch_time", "liftoff_time", "apex_time"):
-            events += list(bounces[name].values[:3])
-    wanted = [t for t in [time[0], *events, time[-1]] if np.isfinite(t)]
+        of_impacts = (bounces[name].values[:3] for name in ("touch_time", "liftoff_time", "apex_time"))
+        events = np.hstack([bounces["release_time"], bounces["rest_time"], *of_impacts])
+    wanted = np.hstack([time[0], events[np.isfinite(events)], time[-1]])
     near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
     near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
     near = thinned(range(near[-2] + 1) if len(near) > 1 else (), near)
-    near = [i for i in near if source.valid[int(track["frame"][i])]]
-    found = key_frames(source, [int(track["frame"][i]) for i in near])
-    return with_points(found, track.isel(frame=near)).assign_attrs(work=json.dumps({"key_frames": len(near)}))
+    found = key_frames(source, track["frame"].values[near])
+    return with_points(found, track.sel(frame=found["frame"].values))
 
 
 def with_points(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:

@@ -5,16 +5,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from math import log, log10, pi
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
-from labpipe.materials import loading_of, modulus_factor
+from labpipe.materials import isothermal_runs, loading_of, modulus_factor, trusted_rows
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma.export import Export, Sweep, common_levels
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
@@ -22,9 +22,10 @@ from pipelines.experiments.shared.judgements import Scene, Title
 _POLYMERS = (3e4, 5e10)  # Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite
 _SPECIMENS = 3.0  # factor between moduli of two specimens of one polymer, by clamping and dimensions at the worst
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
-_AGEING = 0.3  # decades by which hysteresis and ageing may raise a shift factor
 _SAME = 4.0  # K within which two sweeps have one temperature
 _DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
+_MISTYPED = 0.1  # of the logarithm of a loss factor, beyond rounding to two digits
+_PLACE = (("temperature", "degC"), ("frequency", "Hz"))
 _EXCHANGED = "the columns of storage and loss modulus are exchanged"
 _FAILED = {
     "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
@@ -51,11 +52,44 @@ TITLES = {
         ("temperatures", "temperature is measured", "order with temperature"),
     ),
     "one specimen": Title("All files are of one specimen.", ("files of one specimen",)),
-    "superposition": Title(
-        "One master curve describes all temperatures, with shifts in order.", ("superposition", "order of the shifts")
-    ),
+    "superposition": Title("One master curve describes all temperatures.", ("superposition",)),
     "Poisson's ratio": Title("Polymers have Poisson's ratios of 0.2 to 0.5.", ("Poisson's ratio",)),
 }
+
+
+class Export(NamedTuple):
+    """One export: its trusted rows, and the isothermal sweeps that have enough of them.
+
+    Sweeps are in ascending order of frequency, with the attributes ``file``, ``temperature`` (the mean, degC) and
+    ``place``: file, temperature, and interval there.
+    """
+
+    name: str
+    data: xr.Dataset
+    sweeps: list[xr.Dataset]
+    settings: Dma
+
+    @classmethod
+    def of(cls, name: str, data: xr.Dataset, settings: Dma) -> "Export":
+        """Take the readings of a file."""
+        good, options, sweeps = np.concatenate([[], *trusted_rows(data)]).astype(int), settings.sweeps, []
+        for run in isothermal_runs(data, options.tolerance, options.fewest):
+            one = data.isel(sample=np.intersect1d(run, good))
+            if one.sizes["sample"] >= options.fewest:
+                T = float(one["temperature"].mean())
+                place = f"{name}, sweep at {T:.1f} °C"
+                place += f", interval {int(one['interval'][0])}" if "interval" in one else ""
+                one = one.isel(sample=np.argsort(one["frequency"].values, kind="stable"))
+                sweeps.append(one.assign_attrs(file=name, temperature=T, place=place))
+        return cls(name, data.isel(sample=np.sort(good)), sweeps, settings)
+
+    def values(self, name: str) -> Floats:
+        """Return one column."""
+        return np.asarray(self.data[name].values, float)
+
+    def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
+        """Return a check of this file."""
+        return stated(name, text, level, cause=cause, file=self.name)
 
 
 @judgements.judging("readings", "sweeps", "master_curve", titles=TITLES)
@@ -65,13 +99,14 @@ def judgement(
     """Judge the exports of one specimen; a step without a result is judged by its error."""
     needed = {"storage_modulus", "loss_modulus", "temperature", "frequency"}
     named = zip(settings.rheometer, readings, strict=False)
-    exports = [Export(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
-    exports = [export for export in exports if export.good.any()]
+    exports = [Export.of(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
+    exports = [export for export in exports if export.data.sizes["sample"]]
     checks = [*judgements.failed_steps(context, _FAILED), _poissons_ratio(settings)]
-    checks += [evaluate(export) for export in exports for evaluate in _OF_EXPORT]
-    every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda sweep: sweep.temperature)
+    checks += [check for export in exports for of in (_headings, _moduli, _temperatures) for check in of(export)]
+    checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality)]
+    every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
     checks += [_softening(every), *_one_specimen(every)]
-    return Scene([*checks, _order_of_shifts(master_curve), _superposition(master_curve)])
+    return Scene([*checks, _superposition(master_curve)])
 
 
 def _poissons_ratio(settings: Dma) -> Check:
@@ -82,28 +117,26 @@ def _poissons_ratio(settings: Dma) -> Check:
     return bounded("Poisson's ratio", message, nu.value, u, at_least=0.2, is_law=False, setting="nu", cause=cause)
 
 
-def _mode_of_loading(export: Export) -> Check:
-    """Compare the mode with the headings of strain and moduli."""
+def _headings(export: Export) -> Iterator[Check]:
+    """Repeat the reader's remark on rows and cells that are missing, and compare the mode with the columns."""
+    missing = json.loads(str(export.data.attrs.get("cut", "[]")))
+    whole = export.seen("whole file", f"{export.name}: nothing is missing")
+    if missing:
+        line, text = missing[0]
+        text += f"; {len(missing)} such intervals" * (len(missing) > 1)
+        cause = "the test was stopped, or the file was cut: copy it again from the rheometer"
+        whole = replace(export.seen("whole file", f"{export.name}: {text}", "doubtful", cause), line=line)
+    yield whole
     name, settings, (seen, heading) = "mode of loading", export.settings, loading_of(export.data)
     if not seen:
-        return not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
+        yield not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
+        return
     should = "torsion or shear" if seen == "shear" else "tension or bending"
     message = f'{export.name} has a column "{heading}", session.toml says mode = "{settings.mode}"'
     factor = in_words(2 * (1 + settings.nu.value))
     cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor} off"
     level: Level | None = "doubtful" if (seen == "shear") != settings.is_shear else None
-    return stated(name, message, level, cause=cause, setting="mode")
-
-
-def _whole_file(export: Export) -> Check:
-    """Repeat the reader's remark on rows and cells that are missing."""
-    missing = json.loads(str(export.data.attrs.get("cut", "[]")))
-    if not missing:
-        return export.seen("whole file", f"{export.name}: nothing is missing")
-    line, text = missing[0]
-    more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
-    cause = "the test was stopped, or the file was cut: copy it again from the rheometer"
-    return replace(export.seen("whole file", f"{export.name}: {text}{more}", "doubtful", cause), line=line)
+    yield stated(name, message, level, cause=cause, setting="mode")
 
 
 def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
@@ -113,38 +146,59 @@ def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
     return in_words(10.0 ** round(power) if is_power else ratio)
 
 
-def _loss_factor(export: Export) -> Check:
-    """Compare the column of the loss factor with the ratio of moduli."""
-    name = "loss factor"
-    if "loss_factor" not in export.data:
-        return not_made(name, "a column of the loss factor")
-    storage, loss, given = (export.values(n) for n in ("storage_modulus", "loss_modulus", "loss_factor"))
+def _moduli(export: Export) -> Iterator[Check]:
+    """Compare the moduli with zero, the range of polymers, the loss factor, and stress over strain."""
+    file, storage, loss = export.name, export.values("storage_modulus"), export.values("loss_modulus")
+    share, size = float(np.mean((storage <= 0) | (loss <= 0))), np.hypot(storage, loss)
+    message = f"{file}: {in_words(100 * share, 2)} % of the readings are not positive"
+    level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
+    cause = "the instrument's phase is wrong, or another column has the name of the modulus"
+    yield export.seen("signs of the moduli", message, level, cause)
+
+    name = "modulus of a polymer"
+    if (size > 0).any():
+        factor = modulus_factor(export.settings.mode, export.settings.nu.value)
+        stiffest = factor * float(np.quantile(size[size > 0], 0.95))
+        message = f"{file}: the stiffest readings are {quantity(stiffest, 'Pa')} in tension"
+        low, high = map(log10, _POLYMERS)
+        cause = "moduli in MPa stand as Pa" if stiffest < _POLYMERS[0] else "moduli in Pa stand as kPa, MPa or GPa"
+        place: dict[str, Any] = {"file": file, "cause": f"the unit of the moduli is wrong: {cause}", "is_law": False}
+        yield bounded(name, message, log10(stiffest), 0.02, at_least=low, at_most=high, **place)
+    else:
+        yield not_made(name, "moduli")
+
+    name, absent = "loss factor", np.zeros(size.size)
+    given = export.values("loss_factor") if "loss_factor" in export.data else absent
     known = (storage > 0) & (loss > 0) & (given > 0)
-    if not known.any():
-        return not_made(name, "positive loss factors and moduli")
-    ratio, given = loss[known] / storage[known], given[known]
-    middle = float(np.median(np.log(given / ratio)))
-    text = f"{export.name}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
-    cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_power_of_ten(float(np.exp(middle)))}"
-    if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
-        cause = _EXCHANGED
-    return export.seen(name, text, "impossible" if abs(middle) > 0.05 else None, cause)
+    if known.any():
+        ratio, given = loss[known] / storage[known], given[known]
+        middle = float(np.median(np.log(given / ratio)))
+        text = f"{file}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
+        cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_power_of_ten(float(np.exp(middle)))}"
+        if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
+            cause = _EXCHANGED
+        level = "impossible" if abs(middle) > 0.05 else None
+        apart = np.abs(np.log(given / ratio))
+        at = int(np.argmax(apart))
+        if level is None and apart[at] > _MISTYPED:
+            place = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
+            text = f"{file}, {' and '.join(place)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
+            level, cause = "doubtful", "storage modulus, loss modulus or loss factor of this row is mistyped"
+        yield export.seen(name, text, level, cause)
+    else:
+        yield not_made(name, "a column of the loss factor, and positive moduli")
 
-
-def _stress_over_strain(export: Export) -> Check:
-    """Compare the moduli with stress over strain; instruments correct for clamps and inertia by up to a quarter."""
+    # instruments correct for clamps and inertia by up to a quarter
     name = "stress over strain"
-    if "strain" not in export.data or "stress" not in export.data:
-        return not_made(name, "columns of stress and strain")
-    storage, loss, strain, stress = (export.values(n) for n in ("storage_modulus", "loss_modulus", "strain", "stress"))
-    size = np.hypot(storage, loss)
+    strain, stress = (export.values(n) if n in export.data else absent for n in ("strain", "stress"))
     known = (strain > 0) & (stress > 0) & (size > 0)
-    if not known.any():
-        return not_made(name, "positive stresses and strains")
-    ratio = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
-    text = f"{export.name}: the moduli are {ratio:.3g} times stress over strain (median)"
-    cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(ratio)}"
-    return compared(name, text, ratio, 0.02 * ratio, 1.0, 0.02, allowance=0.25, file=export.name, cause=cause)
+    if known.any():
+        times = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
+        text = f"{file}: the moduli are {times:.3g} times stress over strain (median)"
+        cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(times)}"
+        yield compared(name, text, times, 0.02 * times, 1.0, 0.02, allowance=0.25, file=file, cause=cause)
+    else:
+        yield not_made(name, "columns of stress and strain")
 
 
 def _frequencies(export: Export) -> Check:
@@ -166,8 +220,12 @@ def _frequencies(export: Export) -> Check:
         text = f"{file}: frequencies of {hertz.max():.5g} to {hertz.min():.5g} Hz are 2π times round ones"
         return export.seen(name, text, "doubtful", "the column of frequency holds rad/s under Hz: a factor 6.28")
     # nine in ten readings of a sweep take so many periods at most
-    known = ((sweep.periods(), sweep.place) for sweep in export.sweeps)
-    lasts = [(float(np.quantile(one, 0.9)), place) for one, place in known if one.size > 4]
+    lasts = []
+    for sweep in export.sweeps if "time" in data else ():
+        in_time = sweep.sortby("time")
+        periods = np.diff(in_time["time"].values) * in_time["frequency"].values[1:]
+        if (known := periods[periods > 0.0]).size > 4:
+            lasts.append((float(np.quantile(known, 0.9)), sweep.attrs["place"]))
     if not lasts:
         return not_made(name, "times of five readings of a sweep, or both frequencies")
     shortest, place = min(lasts)
@@ -176,34 +234,11 @@ def _frequencies(export: Export) -> Check:
     return export.seen(name, message, "doubtful" if shortest < 0.7 else None, cause)
 
 
-def _size_of_modulus(export: Export) -> Check:
-    name, settings = "modulus of a polymer", export.settings
-    size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
-    if not (size > 0).any():
-        return not_made(name, "moduli")
-    stiffest = float(np.quantile(size[size > 0], 0.95)) * modulus_factor(settings.mode, settings.nu.value)
-    message = f"{export.name}: the stiffest readings are {quantity(stiffest, 'Pa')} in tension"
-    low, high = map(log10, _POLYMERS)
-    cause = "moduli in MPa stand as Pa" if stiffest < _POLYMERS[0] else "moduli in Pa stand as kPa, MPa or GPa"
-    cause = f"the unit of the moduli is wrong: {cause}"
-    return bounded(
-        name, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name, cause=cause
-    )
-
-
-def _signs_of_moduli(export: Export) -> Check:
-    share = float(np.mean((export.values("storage_modulus") <= 0) | (export.values("loss_modulus") <= 0)))
-    message = f"{export.name}: {in_words(100 * share, 2)} % of the readings are not positive"
-    level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
-    cause = "the instrument's phase is wrong, or another column has the name of the modulus"
-    return export.seen("signs of the moduli", message, level, cause)
-
-
 def _single_values(export: Export) -> Check:
     """Look for a value decades beyond its four neighbours in frequency."""
     name, worst, where = "single values", 0.0, ""
     for sweep, column in product(export.sweeps, ("storage_modulus", "loss_modulus")):
-        values = sweep.values(column)
+        values = sweep[column].values
         if values.size < 4 or not (values > 0).all():
             continue
         y = np.log10(values)
@@ -214,9 +249,15 @@ def _single_values(export: Export) -> Check:
         gap = np.where(np.abs(gap) > reach, gap, 0.0)
         at = int(np.argmax(np.abs(gap)))
         if abs(gap[at]) > max(_DECIMAL, abs(worst)):
-            worst, where = float(gap[at]), f"{export.place(int(sweep.rows[at]))}: the {column.replace('_', ' ')}"
+            frequency = quantity(float(sweep["frequency"].values[at]), "Hz")
+            worst, where = float(gap[at]), f"{sweep.attrs['place']}, {frequency}: the {column.replace('_', ' ')}"
     if not export.sweeps:
         return not_made(name, "isothermal sweeps")
+    for sweep in export.sweeps:
+        y = np.log10(np.maximum(sweep["storage_modulus"].values, 1.0))
+        if y.size >= 4 and (np.diff(y) < 0.0).all() and y[0] - y[-1] > 4 * _DRIFT:
+            text = f"{sweep.attrs['place']}: the storage modulus falls as the frequency rises, which no solid does"
+            return export.seen(name, text, "impossible", "frequencies or moduli of this sweep are in reverse order")
     if not where:
         return export.seen(name, f"{export.name}: no value beyond its neighbours")
     text = f"{where} is a factor {_power_of_ten(10.0**worst)} from its neighbours in frequency"
@@ -230,8 +271,8 @@ def _causality(export: Export) -> Check:
     # E* ~ (i omega)^b has tan delta = tan(pi b / 2): Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701
     name, pairs = "storage and loss belong together", []
     for sweep in export.sweeps:
-        x = np.log(sweep.values("frequency"))
-        storage, loss = sweep.values("storage_modulus"), sweep.values("loss_modulus")
+        x = np.log(sweep["frequency"].values)
+        storage, loss = sweep["storage_modulus"].values, sweep["loss_modulus"].values
         if x.size >= 4 and np.ptp(x) >= log(10.0) and ((storage > 0) & (loss > 0)).all():
             slopes = [np.polyfit(x, np.log(y), 1)[0] for y in (storage, loss)]
             # the loss factor, from the rise of the storage modulus, and from that of the loss if both are exchanged
@@ -249,54 +290,57 @@ def _causality(export: Export) -> Check:
     return export.seen(name, message, level, "one of the moduli has another unit than the other, or the phase is wrong")
 
 
-def _temperatures(export: Export) -> Check:
-    """Check the unit of temperature by its range, by T_ref, and by set temperatures that are multiples of 5 K."""
+def _temperatures(export: Export) -> Iterator[Check]:
+    """Check the unit of temperature, by its range, T_ref and multiples of 5 K, and that it is measured."""
     name, file, T, reference = "temperatures", export.name, export.values("temperature"), export.settings.T_ref
-    low, high, sweeps = float(T.min()), float(T.max()), np.array([sweep.temperature for sweep in export.sweeps])
+    low, high, sweeps = float(T.min()), float(T.max()), np.array([one.attrs["temperature"] for one in export.sweeps])
     message, cause = f"{file}: temperatures from {low:.1f} to {high:.1f} °C", "temperatures have another unit (K, °F)"
     message += "" if reference is None else f", T_ref is {reference.value:g} °C"
     is_far = reference is not None and not low - 30 <= reference.value <= high + 30
+    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
+    level: Level | None = "doubtful" if is_far or low < -200.0 or high > 400.0 else None
+    setting = ""
     if low > 180.0 and (reference is None or is_far):
         cause = f"temperatures are in K under °C: {low - 273.15:.1f} to {high - 273.15:.1f} °C are meant"
-        return export.seen(name, message, "impossible" if is_far else "doubtful", cause)
-    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
-    if sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
+        level = "impossible" if is_far else "doubtful"
+    elif sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
         cause = f"temperatures are in °F under °C: {(low - 32) / 1.8:.1f} to {(high - 32) / 1.8:.1f} °C are meant"
-        return export.seen(name, f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful", cause)
-    if is_far:
-        return stated(name, message, "doubtful", cause=f"T_ref is wrong, or {cause}", setting="T_ref")
-    return export.seen(name, message, "doubtful" if low < -200.0 or high > 400.0 else None, cause)
+        message, level = f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful"
+    elif is_far:
+        cause, setting, file = f"T_ref is wrong, or {cause}", "T_ref", ""
+    yield stated(name, message, level, cause=cause, file=file, setting=setting)
 
-
-def _measured_temperature(export: Export) -> Check:
-    """Compare a constant temperature with moduli that change at one frequency."""
-    name, T = "temperature is measured", export.values("temperature")
+    name = "temperature is measured"
     frequency = np.round(np.log10(np.maximum(export.values("frequency"), 1e-9)), 2)
     found, counts = np.unique(frequency, return_counts=True)
     same = export.values("storage_modulus")[frequency == found[np.argmax(counts)]]
-    if np.ptp(T) > 1.0 or same.size < 3 or not (same > 0).all():
-        return stated(name, f"{export.name}: temperatures span {np.ptp(T):.1f} K", None)
+    if high - low > 1.0 or same.size < 3 or not (same > 0).all():
+        yield stated(name, f"{export.name}: temperatures span {high - low:.1f} K", None)
+        return
     times = float(same.max() / same.min())
     text = f"{export.name}: all temperatures are {T.mean():.1f} °C, while the storage modulus differs by a factor "
     text += f"{in_words(times)} between {same.size} readings at one frequency"
     cause = "the column of temperature is constant: it holds the setting, or the sensor was not read"
-    level: Level | None = "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None
-    return export.seen(name, text, level, cause)
+    yield export.seen(name, text, "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None, cause)
 
 
-_OF_EXPORT = (
-    _whole_file, _loss_factor, _stress_over_strain, _frequencies, _size_of_modulus, _signs_of_moduli, _mode_of_loading,
-    _single_values, _causality, _temperatures, _measured_temperature,
-)  # fmt: skip
+def _common_levels(sweeps: Sequence[xr.Dataset]) -> Floats | None:
+    """Return log10 of the storage moduli (sweep, frequency) at seven frequencies that all reach; None without any."""
+    frequencies, moduli = ([s[name].values for s in sweeps] for name in ("frequency", "storage_modulus"))
+    low, high = max((float(f[0]) for f in frequencies), default=0.0), min((f[-1] for f in frequencies), default=0.0)
+    if not 0 < low < high or any((modulus <= 0).any() for modulus in moduli):
+        return None
+    x = np.linspace(log(low), log(high), 7)
+    return np.array([np.interp(x, np.log(f), np.log10(m)) for f, m in zip(frequencies, moduli, strict=True)])
 
 
-def _softening(sweeps: Sequence[Sweep]) -> Check:
+def _softening(sweeps: Sequence[xr.Dataset]) -> Check:
     """Look for the isotherm that breaks the fall of the modulus with temperature."""
     name = "order with temperature"
-    moduli = common_levels(sweeps) if len(sweeps) > 2 else None
+    moduli = _common_levels(sweeps) if len(sweeps) > 2 else None
     if moduli is None:
         return not_made(name, "three isotherms over common frequencies")
-    T, levels = np.array([s.temperature for s in sweeps]), np.median(moduli, axis=1)
+    T, levels = np.array([s.attrs["temperature"] for s in sweeps]), np.median(moduli, axis=1)
 
     def rising(T: Floats, levels: Floats) -> float:
         """Return the decades by which moduli rise from isotherm to isotherm beyond entropic elasticity."""
@@ -320,27 +364,28 @@ def _softening(sweeps: Sequence[Sweep]) -> Check:
         level: Level | None = "impossible" if rise > 10 * _DRIFT else "doubtful" if rise > 4 * _DRIFT else None
         ascending = np.argsort(falling)
         belongs = float(np.interp(levels[i], falling[ascending], others[ascending]))
-        cause = f"the temperature of {sweeps[i].place} is probably {abs(T[i] - belongs):.0f} K too "
+        cause = f"the temperature of {sweeps[i].attrs['place']} is probably {abs(T[i] - belongs):.0f} K too "
         cause += f"{'high' if T[i] > belongs else 'low'}: its modulus is that of {belongs:.0f} °C"
-        text = f"{sweeps[i].place} breaks the fall of the modulus with temperature"
-        return sweeps[i].export.seen(name, text, level, cause)
+        text = f"{sweeps[i].attrs['place']} breaks the fall of the modulus with temperature"
+        return stated(name, text, level, cause=cause, file=sweeps[i].attrs["file"])
     at = int(np.argmax(np.diff(levels)))
     times = in_words(10.0 ** float(np.diff(levels)[at]))
     text = f"the modulus rises by a factor {times} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
     cause = "a specimen that crystallised or dried, one of another material, or temperatures in wrong order"
     level = "doubtful" if rise > 0.15 else "note" if rise > 4 * _DRIFT else None
-    return sweeps[at + 1].export.seen(name, text, level, cause)
+    return stated(name, text, level, cause=cause, file=sweeps[at + 1].attrs["file"])
 
 
-def _one_specimen(sweeps: Sequence[Sweep]) -> Iterator[Check]:
+def _one_specimen(sweeps: Sequence[xr.Dataset]) -> Iterator[Check]:
     """Compare sweeps of two exports at one temperature."""
     name = "files of one specimen"
     between: dict[tuple[str, str], list[float]] = {}
-    for a, b in combinations(sorted(sweeps, key=lambda sweep: sweep.export.name), 2):
-        if a.export is not b.export and abs(a.temperature - b.temperature) <= _SAME:
-            pair = common_levels((a, b))
+    for a, b in combinations(sorted(sweeps, key=lambda one: str(one.attrs["file"])), 2):
+        files = (str(a.attrs["file"]), str(b.attrs["file"]))
+        if files[0] != files[1] and abs(a.attrs["temperature"] - b.attrs["temperature"]) <= _SAME:
+            pair = _common_levels((a, b))
             if pair is not None:
-                between.setdefault((a.export.name, b.export.name), []).append(float(np.median(pair[0] - pair[1])))
+                between.setdefault(files, []).append(float(np.median(pair[0] - pair[1])))
     for (first, second), gaps in between.items():
         middle, size = float(np.median(gaps)), float(np.max(np.abs(gaps)))
         text = (
@@ -362,19 +407,3 @@ def _superposition(curve: xr.Dataset | None) -> Check:
     text = next(iter(verdict["reasons"]), f"the master curve misses E′ by {storage} % and E″ by {loss} %")
     cause = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
     return stated("superposition", text, level, cause=cause)
-
-
-def _order_of_shifts(curve: xr.Dataset | None) -> Check:
-    """Check that the shift factors fall as temperature rises."""
-    name = "order of the shifts"
-    if curve is None or curve.sizes["temperature"] < 2:
-        return not_made(name, "a master curve of two temperatures")
-    T, shift, u = (curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
-    rise, own = np.diff(shift), np.hypot(u[1:], u[:-1])
-    known = np.isfinite(rise) & (own > 0)
-    if not known.any():
-        return not_made(name, "shifts with uncertainties")
-    at = int(np.argmax(np.where(known, rise, -np.inf)))
-    text = f"log10 a_T changes by {rise[at]:+.2f} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
-    cause = f"the isotherm at {T[at]:.1f} or {T[at + 1]:.1f} °C has a wrong temperature or is of another specimen"
-    return bounded(name, text, float(rise[at]), float(own[at]), at_most=_AGEING, cause=cause)

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import asdict
-from math import hypot, inf, nan, pi, sqrt, tan
+from math import inf, nan, pi, sqrt, tan
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ import xarray as xr
 from labpipe import materials
 from labpipe.arrays import Floats
 from labpipe.materials import Bulk, Deck, Prony, ShiftLaw, make_deck
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dma.glass_transition import over_frequency
 from pipelines.experiments.dma.settings import Dma
@@ -46,20 +47,19 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
     factor, u_scale = sweeps.attrs["u_modulus_factor"] / sweeps.attrs["modulus_factor"], sweeps.attrs["u_scale"]
     result = result.assign(known)
     transitions, no_transition = over_frequency(result)
-    result = result.assign(ends(result, float(np.hypot(factor, u_scale)))).merge(transitions)
+    found = ends(result, scale=float(u_scale), **{"Poisson's ratio": float(factor)})
+    result = result.merge(found).merge(transitions)
     result = result.assign({name: result[name].astype(np.int8) for name in ("extrapolated", "determined")})
     said = {
         "kramers_kronig": asdict(made.kramers_kronig),
         "superposition": asdict(made.verdict),
         "laws": {name: _law(law) for name, law in made.laws.items()},
-        "law": _law(made.law),
+        "law": _law(made.nearest_law),
         "noise": made.noise,
     }
     names = sweeps.attrs.keys() & {"u_modulus_factor", "modulus_factor", "u_scale", "strain"}
-    kept = {name: sweeps.attrs[name] for name in sorted(names)}
-    return result.assign_attrs(
-        {n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept | {"no_transition": no_transition}
-    )
+    attrs = {name: sweeps.attrs[name] for name in sorted(names)} | found.attrs | {"no_transition": no_transition}
+    return result.assign_attrs({name: json.dumps(one, ensure_ascii=False) for name, one in said.items()} | attrs)
 
 
 def _law(law: Any) -> dict[str, Any]:
@@ -74,23 +74,28 @@ def _law(law: Any) -> dict[str, Any]:
     return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in entry.items()}
 
 
-def ends(curve: xr.Dataset, scale: float) -> dict[str, Any]:
+def ends(curve: xr.Dataset, **scales: float) -> xr.Dataset:
     """Return ``relaxed_modulus`` and ``unrelaxed_modulus`` [Pa], each with its standard uncertainty.
 
     Both are NaN where the loss at that end is so large that the storage modulus may still change by
-    all of itself: the series' modulus is extrapolated there. The uncertainty is that of
-    extrapolating the loss, of the noise at the end, and `scale`, the relative one of all moduli.
+    all of itself: the series' modulus is extrapolated there. The uncertainty is that of extrapolating the loss, of the
+    noise at the end, and of ``scales``, relative ones of all moduli by their source. The attribute ``budget`` is that
+    of the relaxed modulus, where it is known.
     """
-    frequency = curve["reduced_frequency"].values
-    found: dict[str, Any] = {}
-    for name, ratio in (("relaxed", frequency), ("unrelaxed", 1.0 / frequency)):
+    frequency, found, attrs = curve["reduced_frequency"].values, dict[str, Any](), dict[str, str]()
+    for name, ratio in (("unrelaxed", 1.0 / frequency), ("relaxed", frequency)):
         # mirrored, the loss of the fast end falls as that of the slow one does
         left = still_falls(ratio, curve["master_loss"].values)
         last, u_last = (float(curve[part][int(np.argmin(ratio))]) for part in ("master_storage", "u_master_storage"))
-        modulus = float(curve[f"E_{name}"]) if left < last else nan
-        u = hypot(left / sqrt(3.0), modulus * u_last / last, modulus * scale) if left < last else nan
+        modulus = u = nan
+        if left < last:
+            modulus = float(curve[f"E_{name}"])
+            of_all = {"noise": u_last / last, **scales}
+            sources = [Source(source, 1.0, one, "1", modulus) for source, one in of_all.items()]
+            sources.append(Source("extrapolation", 0.0, left / sqrt(3.0), "Pa", 1.0))
+            u, attrs = combined_uncertainty(sources), {"budget": json.dumps(budget_rows(sources))}
         found |= with_u(f"{name}_modulus", (), modulus, u, "Pa", f"{name} modulus, where the data determine it")
-    return found
+    return xr.Dataset(found, attrs=attrs if np.isfinite(modulus) else {})
 
 
 def still_falls(frequency: Floats, loss: Floats) -> float:

@@ -90,18 +90,15 @@ def _summary(
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
     """Return the modulus of an end, relaxed or unrelaxed, as far as the data there determine it."""
     is_slow = name == "relaxed"
-    when, end = ("after an infinite time", "slow") if is_slow else ("instantaneous", "fast")
-    modulus, u = float(curve[f"{name}_modulus"]), float(curve[f"u_{name}_modulus"])
-    if np.isfinite(modulus):
+    when, end, at = ("after an infinite time", "slow", 0) if is_slow else ("instantaneous", "fast", -1)
+    if np.isfinite(float(curve[f"{name}_modulus"])):
         origin = f"{when}; standard uncertainty from extrapolating the loss at the {end} end, from noise and scale"
-        return f"{name} modulus", value_with_uncertainty(modulus, u, "Pa"), origin
-    frequency = curve["reduced_frequency"].values
-    last = quantity(
-        float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))]), "Pa", 4
-    )
-    bound, may = (f"0 to {last}", "may still fall to zero") if is_slow else (f"{last} at least", "may still rise")
+        return f"{name} modulus", pages.told(curve, f"{name}_modulus"), origin
+    order = np.argsort(curve["reduced_frequency"].values)
+    last = quantity(float(curve["master_storage"][int(order[at])]), "Pa", 4)
+    bound, may = (f"0 to {last}", "fall to zero") if is_slow else (f"{last} at least", "rise")
     series = f"the series' {quantity(float(curve[f'E_{name}']), 'Pa', 4)} is extrapolated"
-    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus {may}: {series}"
+    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus may still {may}: {series}"
 
 
 def _celsius(T: Floats) -> str:
@@ -205,12 +202,10 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
         text = f"Arrhenius, activation energy {shown('activation_energy', 1e3)} kJ/mol"
     elif law["C1"] is not None and law["C2"] is not None:
         text = f"WLF, C₁ = {shown('C1')}, C₂ = {shown('C2')} K"
-    fits = (
-        f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
-        if law["freedom"] and law["chi_square"]
-        else ""
-    )
-    return text, f"{fits}{': does not hold' * (bool(fits) and not ShiftLaw.of(law).holds)}"
+    if not law["freedom"] or not law["chi_square"]:
+        return text, ""
+    fits = f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
+    return text, fits if ShiftLaw.of(law).holds else f"{fits}: does not hold"
 
 
 def _master(master_curve: xr.Dataset) -> Section:
@@ -229,12 +224,6 @@ def _master(master_curve: xr.Dataset) -> Section:
         caption = _BAND if name == "storage" else ""
         blocks.append(pages.log_log(*labels, curves, group="master", height_px=300, caption=caption))
     return Section("Master curve", blocks)
-
-
-def _missed(curve: xr.Dataset) -> list[float]:
-    """Return the residuals of storage and loss modulus in % (rms)."""
-    residuals = (curve[f"{name}_residual"].values for name in ("storage", "loss"))
-    return [100 * float(np.sqrt(np.nanmean(one**2))) for one in residuals]
 
 
 def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset | None] = ()) -> Section:
@@ -295,6 +284,8 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
     text += f"{_celsius(T)}. "
     if settings.mode in ("shear", "torsion"):
         text += f"Tension moduli follow from E = 2 (1 + ν) G with ν = {settings.nu.value:g}. "
+    residuals = (master_curve[f"{name}_residual"].values for name in ("storage", "loss"))
+    missed = [100 * float(np.sqrt(np.nanmean(one**2))) for one in residuals]
     shifts = "every isotherm had a shift of its own"
     if asked != "free":
         shifts = f"the shifts followed the {_LAWS[asked]} law"
@@ -304,7 +295,7 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         f"cross-validation); {shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
         f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. "
         f"{_law_row(json.loads(master_curve.attrs['law']))[1]}. "
-        "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*_missed(master_curve))
+        "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*missed)
     )
     return pages.methods(text, settings)
 

@@ -20,14 +20,14 @@ def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity
         storage, loss = float(at["storage_stiffness"]), float(at["loss_stiffness"])
         force, cell = float(np.hypot(storage, loss)) * amplitude, relative_gain(loads)
         lag = mach1_readings.force_lag(loads, frequency)
-        u_gain, u_phase = (0.0, 0.0) if lag is None else (lag.u_gain / lag.gain, lag.u_phase)
+        u_gain = lag.u_gain / lag.gain
         noise = excess_uncertainty(float(at["u_force_amplitude"]), cell * force, u_gain * force)
-        of_phase = excess_uncertainty(float(at["u_phase_lag"]), u_phase)
+        of_phase = excess_uncertainty(float(at["u_phase_lag"]), lag.u_phase)
         inputs = {
             "force_amplitude": Input(force, noise, "N"),
             "amplitude": Input(amplitude, float(at["u_amplitude"]), "m"),
             "phase": Input(float(np.arctan2(loss, storage)), of_phase, "rad"),
-            "filter_lag": Input(0.0, u_phase, "rad"),
+            "filter_lag": Input(0.0, lag.u_phase, "rad"),
             "filter_gain": Input(1.0, u_gain),
             "gain": Input(1.0, cell),
         }

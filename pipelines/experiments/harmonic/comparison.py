@@ -36,7 +36,7 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         passed, force = simulated[where], measured[where]
         error.append(nrmse(force[used], passed[used]))
         bias.append(float(np.mean(force[used] - passed[used])))
-        agreed.append(laid_along(loads, measured, simulated, stretched, model["effect"].values[i].T))
+        agreed.append(laid_along(loads, measured, simulated, stretched, model))
     table: dict[str, Any] = {
         "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
         "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),

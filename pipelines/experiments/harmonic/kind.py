@@ -30,8 +30,8 @@ _STAGES = (
         "simulate with the measured displacement",
     ),
     stage(
-        "harmonic.theory:theory",
-        f"oscillations loops model {solid_of('substrate')}",
+        "harmonic.model:theory",
+        f"oscillations loops {solid_of('substrate')}",
         "punch substrate characteristic_time",
         "work by eq. (2.31), tapping front, dimensionless numbers",
     ),

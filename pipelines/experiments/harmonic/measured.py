@@ -94,8 +94,9 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     """Return stiffness and work of one block without its transient and last cycle; the cell's filter is taken out."""
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
-    stated = float(loads["declared_frequency"][block])
-    window = signals.active_window(time, position, stated)
+    # of another tester's table nothing is declared
+    stated = float(loads["declared_frequency"][block]) if "declared_frequency" in loads else np.nan
+    window = signals.active_window(time, position, stated if np.isfinite(stated) else None)
     period = 1 / window.frequency
     last = round((window.end - window.start) / period) - 1
     if last - skip < _FEWEST_CYCLES:
@@ -110,15 +111,13 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
 
     def response(f: float) -> complex:
         at = mach1_readings.force_lag(loads, f)
-        return 1.0 + 0.0j if at is None else at.gain * complex(np.exp(-1j * at.phase))
+        return at.gain * complex(np.exp(-1j * at.phase))
 
     lag = mach1_readings.force_lag(loads, window.frequency)
-    passed = response if lag else None
-    fit = common_fit(time[used], position[used], force[used], window.frequency, response=passed)
+    fit = common_fit(time[used], position[used], force[used], window.frequency, response=response)
     x, f, storage, loss = fit.position, fit.force, fit.storage_stiffness, fit.loss_stiffness
-    u_filter = (lag.u_gain / lag.gain, lag.u_phase) if lag else (0.0, 0.0)
-    u_gain = float(np.hypot(u_filter[0], mach1_readings.relative_gain(loads)))
-    u_phase = float(np.hypot(fit.u_phase_lag, u_filter[1]))
+    u_gain = float(np.hypot(lag.u_gain / lag.gain, mach1_readings.relative_gain(loads)))
+    u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase))
     noise = float(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude))
     u_storage, u_loss = _u_of_stiffness(complex(storage, loss), float(np.hypot(noise, u_gain)), u_phase)
 
@@ -126,12 +125,11 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
     cycles = begin + np.arange(areas.size)[:, None] / x.frequency
     (moved, u_moved), (pushed, u_pushed) = (_fourier(time, y, cycles, x.frequency) for y in (position, force))
-    lags = [mach1_readings.force_lag(loads, n * x.frequency) for n in range(1, _WAVES + 1)]
-    gains = np.array([each.gain if each else 1.0 for each in lags])
-    pushed, u_pushed = pushed / gains, u_pushed / gains
-    turned = complex(pushed[0] / moved[0] * np.exp(1j * (lag.phase if lag else 0.0)))
+    passed = np.array([response(n * x.frequency) for n in range(1, _WAVES + 1)])
+    pushed, u_pushed = pushed / passed, u_pushed / np.abs(passed)
+    turned = complex(pushed[0] / moved[0])
     scatter = float(np.hypot(u_pushed[0] / abs(pushed[0]), u_moved[0] / abs(moved[0])))
-    u_turned = _u_of_stiffness(turned, float(np.hypot(scatter, u_gain)), float(np.hypot(scatter, u_filter[1])))
+    u_turned = _u_of_stiffness(turned, float(np.hypot(scatter, u_gain)), float(np.hypot(scatter, lag.u_phase)))
     found = {
         "frequency": (x.frequency, x.u_frequency),
         "amplitude": (x.amplitude, x.u_amplitude),
@@ -157,8 +155,8 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
         "declared_frequency": stated,
         "mean_force": f.offset,
         "mean_position": x.offset,
-        "filter_phase": lag.phase if lag else 0.0,
-        "filter_gain": lag.gain if lag else 1.0,
+        "filter_phase": lag.phase,
+        "filter_gain": lag.gain,
         "begin": begin,
         "end": end,
         "block": float(block),
@@ -194,7 +192,7 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
     """
     del settings
     phase = np.linspace(0, 1, _LOOP_POINTS + 1)
-    positions, forces, kept = [], [], []
+    positions, forces, u = [], [], []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         part = loads.isel(sample=mach1_readings.rows(loads, int(at["block"])))
@@ -206,17 +204,15 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         forces.append(f.mean(axis=0))
         spread = float(np.median(f.std(axis=0, ddof=1))) if len(f) > 1 else 0.0
         noise = max(spread, float(loads.attrs["resolution"]) / np.sqrt(12))
-        u = float(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
-        is_tared = bool(loads.attrs["is_tared"])
-        least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
-        kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
-    dims = ("oscillation", "cycle")
-    least_forces, u_least, losses = np.array(kept).T
+        u.append(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
+    dims, limits = ("oscillation", "cycle"), _CLEAR * np.array(u)[:, None]
+    known = 1.0 if loads.attrs["is_tared"] else np.nan
+    least, losses = known * np.min(forces, axis=1), known * np.mean(np.array(forces)[:, :-1] < limits, axis=1)
     return xr.Dataset(
         {
             "position": variable(dims, positions, "m", "stage position"),
             "force": variable(dims, forces, "N", "force, compression positive"),
-            **with_u("least_force", "oscillation", least_forces, u_least, "N", "least force of the mean loop"),
+            **with_u("least_force", "oscillation", least, known * np.array(u), "N", "least force of the mean loop"),
             "contact_loss": variable("oscillation", losses, "1", "share of a cycle without contact"),
         },
         coords={

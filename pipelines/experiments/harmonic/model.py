@@ -1,5 +1,6 @@
-"""The indentation simulated with the measured displacement."""
+"""The indentation simulated with the measured displacement, and closed forms: work, tapping front, their scales."""
 
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -7,54 +8,39 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe import contact
 from labpipe.arrays import Floats
+from labpipe.contact.line import dissipation
+from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.signals import CommonFit, common_fit
 from labpipe.variables import variable, with_u
-from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.model_inputs import table_of
-from pipelines.experiments.shared.punch_model import NOTHING_NAMED, along, modelled
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.punch_model import SHIFT, absent, modelled
 
 
 def model(
-    loads: xr.Dataset,
-    oscillations: xr.Dataset,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: Harmonic,
+    loads: xr.Dataset, oscillations: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Harmonic
 ) -> xr.Dataset:
-    """Simulate the whole history of the file with the measured displacement, and fit its force as the measured one.
-
-    Without punch, substrate and first touch there is nothing to simulate; the result is then empty and says so.
-    """
-    if settings.punch is None or settings.substrate is None:
-        return xr.Dataset(attrs={"absent": NOTHING_NAMED})
-    touch = mach1_readings.touch_of(oscillations)
-    if not np.isfinite(touch.value):
-        return xr.Dataset(attrs={"absent": oscillations.attrs["contact"]})
+    """Simulate the whole history of the file with the measured displacement, and fit its force as the measured one."""
     slowest, fastest = (1.0 / (2.0 * np.pi * float(f)) for f in np.sort(oscillations["frequency"].values)[[0, -1]])
-    solid, effects, made = modelled(loads, touch, settings, material_file, fitted, (fastest, slowest))
-    steps, u_inputs = np.array([(e.step, e.given.u) for e in effects.values()]).T
-    force = made["force"].values
-    changed = [force, *(force - e.change for e in effects.values())]
+    made = modelled(loads, oscillations, settings, file, fitted, (fastest, slowest))
+    if settings.substrate is None or "absent" in made.attrs:
+        return made
+    solid, force = resolve(settings.substrate, file, fitted), made["force"].values
+    changed = (force + each for each in (0.0, *made["slope"].values))  # a fit is linear in the force
     rows = list(zip(*(fitted_waves(loads, oscillations, solid, each) for each in changed), strict=True))
-    lost, without_chords = [], force.copy()
+    without_chords = force.copy()
     for i, (fit, *_) in enumerate(rows):
-        where, used = evaluated(loads, oscillations.isel(oscillation=i))
+        where, _ = evaluated(loads, oscillations.isel(oscillation=i))
         time = loads["time"].values[where]
-        lost.append(float(np.mean(force[where][used] <= 0.0)))
         angle = 2 * np.pi * fit.force.frequency * (time - fit.force.reference_time) + fit.force.phase
         stiffer = along_chords(solid, float(np.median(np.diff(time))), fit.force.frequency) - 1.0
         without_chords[where] -= fit.force.amplitude * (stiffer * np.exp(1j * angle)).imag
-    text = "share of a cycle without contact, simulated"
-    table: dict[str, Any] = {
-        "force": made["force"].copy(data=without_chords),
-        "contact_loss": variable("oscillation", np.array(lost), "1", text),
-        **along(effects, phases(loads, oscillations), "oscillation"),
-    }
+    table: dict[str, Any] = {"force": made["force"].copy(data=without_chords)}
     per_loss = np.pi * np.array([fit.position.amplitude for fit, *_ in rows]) ** 2  # work over loss stiffness
     for name, source, factor in (
         ("storage_stiffness", "storage_stiffness", np.ones_like(per_loss)),
@@ -62,14 +48,13 @@ def model(
         ("work_per_cycle", "loss_stiffness", per_loss),
     ):
         values, *moved = factor * np.array([[getattr(fit, source) for fit in row] for row in rows]).T
-        slopes = (values[:, None] - np.array(moved).T) / steps
+        slopes = np.array(moved).T - values[:, None]
         units, text = COLUMNS[name]
-        u = np.sqrt(np.sum((slopes * u_inputs) ** 2, axis=1))
+        u = np.sqrt(np.sum((slopes * made["input_u"].values) ** 2, axis=1))
         table |= with_u(name, "oscillation", values, u, units, f"{text}, simulated", "by touch, punch and solid")
         text = f"change with an input, SI: {text}, simulated"
         table[f"slope_{name}"] = variable(("oscillation", "uncertain"), slopes, "1", text)
-    result = made.assign(table).merge(table_of({name: effect.given for name, effect in effects.items()}))
-    return result.assign_coords(oscillation=oscillations["oscillation"]).assign_attrs(made.attrs)
+    return made.assign(table).assign_coords(oscillation=oscillations["oscillation"])
 
 
 def fitted_waves(loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats) -> list[CommonFit]:
@@ -109,3 +94,83 @@ def along_chords(material: Prony, interval: float, frequency: float) -> complex:
     gained = -np.expm1(-x) / x * (1.0 - turn) / (1.0 - np.exp(-x) * turn)
     exact = material.complex_modulus(2.0 * np.pi * frequency)
     return complex((material.E_relaxed + np.asarray(material.E) @ gained) / exact)
+
+
+def theory(
+    oscillations: xr.Dataset, loops: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Harmonic
+) -> xr.Dataset:
+    """Return work by eq. (2.31), the tapping front (2.34), and everything dimensionless.
+
+    Equations (2.37) to (2.40); the work of (2.40) is per contact length. The uncertainty of the
+    theory is that of first touch. ``storage_modulus`` and ``loss_modulus`` are the measured
+    stiffness over that of the contact per modulus (2.24), by the fit and, ``fourier_…``, by the components of (2.29).
+    """
+    punch, substrate, (touch, u_touch, _) = settings.punch, settings.substrate, mach1_readings.touch_of(oscillations)
+    if punch is None or substrate is None or not np.isfinite(touch):
+        return xr.Dataset(attrs={"absent": absent(settings, oscillations)})
+    solid = resolve(substrate, file, fitted)
+    radius, period = punch.radius.value, punch.period.value
+    depth = punch.depth.value * punch.tips
+    frequency, amplitude = oscillations["frequency"].values, oscillations["amplitude"].values
+    mean = oscillations["mean_position"].values - touch
+    if mean.min() <= 0:
+        raise InputError(
+            f"the mean of an oscillation lies {-mean.min() * 1e6:.3g} µm above first touch; the "
+            "position of first touch cannot be right"
+        )
+    step = max(u_touch, SHIFT)
+    shape, unit = (radius, period), Prony(1.0, [], [], nu=float(solid.nu))
+
+    def at(indentation: Floats) -> Floats:
+        """Return work [J], tapping front [m] and stiffness per modulus [m] (quantity, oscillation)."""
+        rows = [
+            (
+                float(contact.dissipated_work(solid, f, a, i, *shape, depth)),
+                float(contact.tapping_amplitude(solid, f, i, *shape)),
+                float(dissipation.dynamic_stiffness(unit, 0.0, i, *shape, depth).real),
+            )
+            for f, a, i in zip(frequency, amplitude, indentation, strict=True)
+        ]
+        return np.array(rows).T
+
+    try:
+        found = at(mean)
+        u_work, u_front, u_contact = np.abs(at(mean + step) - found) * u_touch / step
+    except InputError as error:  # a layer may be pressed further than the half-plane of the theory
+        return xr.Dataset(attrs={"absent": f"equations (2.31) and (2.34) do not apply: {error}"})
+    work, front, per_pascal = found
+    shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
+    tau = shortest if settings.characteristic_time is None else settings.characteristic_time.value
+    seen, u_seen = (oscillations[f"{u}work_per_cycle"].values for u in ("", "u_"))
+    table: dict[str, Any] = {}
+    for route, text in (("", "by the fit"), ("fourier_", "by the Fourier components")):
+        for part in ("storage", "loss"):
+            k, u = (oscillations[f"{u}{route}{part}_stiffness"].values for u in ("", "u_"))
+            modulus, u = k / per_pascal, np.hypot(u, k * u_contact / per_pascal) / per_pascal
+            table |= with_u(f"{route}{part}_modulus", "oscillation", modulus, u, "Pa", f"{part} modulus, {text}")
+    for name, values, u, units, text in (
+        ("dissipated_work", work, u_work, "J", "dissipated work per cycle, eq. (2.31)"),
+        ("tapping_amplitude", front, u_front, "m", "amplitude at which contact is lost, eq. (2.34)"),
+    ):
+        table |= with_u(name, "oscillation", values, u, units, text)
+    for name, known in (("measured", (seen, u_seen)), ("theory", (work, u_work))):
+        values, u = (dissipation.dimensionless_work(each, solid, radius, period, depth) for each in known)
+        text = f"work, dimensionless (2.40), {name}"
+        table |= with_u(f"dimensionless_work_{name}", "oscillation", values, u, "1", text)
+    for name, values, text in (
+        ("amplitude", amplitude / radius, "amplitude over R, eq. (2.37)"),
+        ("frequency", frequency * tau, "f tau_0, eq. (2.38)"),
+    ):
+        table[f"dimensionless_{name}"] = variable("oscillation", values, "1", text)
+    scale = float(solid.E_relaxed) * period * depth * radius
+    table["characteristic_time"] = variable((), float(tau), "s", "characteristic time tau_0")
+    table["work_scale"] = variable((), scale, "J", "scale of the work (2.40)")
+    made = xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+    for label, where in (
+        ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),
+        ("the amplitude lies beyond the tapping front (2.34)", amplitude > front),
+    ):
+        if where.any():
+            shown = ", ".join(f"{f:.3g}" for f in frequency[where])
+            warnings.warn(f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=2)
+    return made

@@ -4,8 +4,9 @@ Frequency and damping belong to the plate, so all recordings give the same. The 
 much momentum came: a height or a material that is stated wrongly moves that of its drops alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import repeat
 from math import hypot, inf, log, nan
 from typing import Any
 
@@ -16,7 +17,7 @@ from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, not
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.plate_vibration.comparison import SERIES, amplitudes, from_others, height_name, rows
+from pipelines.experiments.plate_vibration.comparison import HEIGHT, SERIES, amplitudes, from_others, rows
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
@@ -28,6 +29,7 @@ from pipelines.experiments.shared.judgements import Scene, Title
 _MOMENTUM = 0.03
 """Relative standard uncertainty of the momentum of an impact, which goes with 1 + e, for a solid known by its name or
 its DMA."""
+_INTERVAL = 0.05  # relative, within which frequencies differ by a factor of sampling intervals
 _PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
 _MOMENTUM_OF = "momentum of the blow"
 _STATED = (
@@ -49,11 +51,7 @@ _FAILED = record_checks.CAUSES | {
     "something else that struck plate or table shortly before or after the body, a recording that ends too soon, or a "
     "sampling interval that is stated wrongly"
 }
-
-
 _STEPS = ("readings", "displacement", "ringing", "table", "plate", "comparison")
-
-
 TITLES = {
     "one plate": Title(
         "All recordings show the free ringing of one plate: one frequency and one damping.",
@@ -82,19 +80,21 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     of_body = not_made("mass of the falling body", "a sphere with its mass")
     of_body = of_body if body is None else fall_checks.body_stated(body.radius.value, body.mass.value)
     checks.append(of_body)
-    rings = [Fall(name, ring, 0.0) for name, ring in found.items()]
-    checks += fall_checks.repeats_agree(rings, _OF_ONE_PLATE, _ANOTHER_PLATE)
+    # what repeats share is taken out: their scatter alone is asked
+    rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
+    checks += map(
+        _of_interval, repeat(rings), fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE)
+    )
     for drops in settings.drops:
-        # what repeats share is taken out: their scatter alone is asked
-        falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
+        falls = [rings[name] for name in drops.laser if name in rings]
         checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")
     checks.append(_of_plate(plate, settings))
     checks += _momenta(table, plate, settings)
     inputs, shared = {}, {}
     if table is not None:
         own, _ = relative_uncertainty(table, settings)
-        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
-        inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
+        shared = {SERIES.format(i + 1): Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
+        inputs = {HEIGHT.format(drops_label(drops)): drops.height for drops in settings.drops}
     # of a body that cannot be, no blow tells which height is wrong
     causes = [] if of_body.level else list(_causes(table, plate, settings))
     if not explain(checks, causes):
@@ -105,15 +105,29 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
 
 
+def _of_interval(rings: Mapping[str, Fall], check: Check) -> Check:
+    """Give a frequency that is off by a factor of sampling intervals that cause."""
+    if check.level is None or not check.name.endswith("frequency of the plate"):
+        return check
+    others = [ring.value("natural_frequency")[0] for name, ring in rings.items() if name != check.file]
+    ratio = rings[check.file].value("natural_frequency")[0] / float(np.median(others))
+    usual = min(SLIPS["interval"], key=lambda k: abs(log(ratio / k)))
+    if abs(log(ratio / usual)) > _INTERVAL:
+        return check
+    way = "short" if ratio > 1.0 else "long"
+    cause = f"the sampling interval of {check.file} is stated {max(usual, 1 / usual):g} times too {way}"
+    return replace(check, cause=f"{cause}, or that of the other file is wrong" if len(others) == 1 else cause)
+
+
 def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Check:
     """Hold the plate that was found against those that there are."""
     name, body = "modal mass of the plate", settings.sphere
-    if plate is None or not np.isfinite(mass := float(plate["mass"])):
+    if plate is None or body is None or not np.isfinite(mass := float(plate["mass"])):
         return not_made(name, "a sphere, and a DMA experiment or a material of the library")
     (low, high), u = map(log, _PLATES), max(float(plate["u_mass"]) / mass, 0.01)
     text = f"the blows give a modal mass of {quantity(mass, 'kg')}"
     check = bounded(name, text, log(mass), u, at_least=low, at_most=high, is_law=False)
-    if body is not None and mass < body.mass.value:
+    if mass < body.mass.value:
         check = replace(check, level="impossible", message=f"{text}, less than what falls on it")
     cause = "lengths are in another unit than the file says, the gain or scale of the sensor is wrong, or sphere.mass "
     cause += "is in another unit than was typed"
@@ -141,6 +155,9 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
     count = len(settings.drops)
     weights = np.zeros((count, count)) if table is None or plate is None else from_others(table, plate)[1]
     momenta = [f"{_MOMENTUM_OF}, {drops_label(drops)}" for drops in settings.drops]
+    blows = np.ones(count)
+    if table is not None and plate is not None and "modal_mass" in plate:
+        blows = np.nan_to_num(table["amplitude"].values * plate["modal_mass"].values, nan=1.0)  # go with the momenta
     for i, drops in enumerate(settings.drops):
         by_amplitude = {momenta[j]: 1.0 if j == i else -float(weights[j, i]) for j in range(count)}
         by_height = {name: -0.5 * slope for name, slope in by_amplitude.items()}
@@ -148,4 +165,12 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
         yield judgements.stated_wrongly(by_height, name, drops.height, f"drops[{i}].height", u=inf)
         of_unit = f"the unit or the display factor of {', '.join(drops.laser)} is not what it says"
         place: dict[str, Any] = {"setting": f"drops[{i}].laser"} if len(drops.laser) > 1 else {"file": drops.laser[0]}
-        yield Cause(by_amplitude, judgements.wrong_lengths(of_unit), SLIPS["length"], only_usual=True, **place)
+        usual = SLIPS["length"] + SLIPS["gain"]
+        yield Cause(by_amplitude, judgements.wrong_lengths(of_unit), usual, only_usual=True, **place)
+        for j, other in enumerate(settings.drops[:i]):  # exchanged, each has the blow of the other
+            moved = {name: by_amplitude[name] + float(weights[n, j]) for n, name in enumerate(momenta)}
+            moved[momenta[j]] = by_amplitude[momenta[j]] - 1.0
+            factor = float(blows[j] / blows[i])
+            said = f"the recordings of {drops_label(other)} and {drops_label(drops)} are exchanged"
+            if abs(log(factor)) > _MOMENTUM:
+                yield Cause(moved, lambda _, said=said: said, (factor,), only_usual=True, setting=f"drops[{j}].laser")

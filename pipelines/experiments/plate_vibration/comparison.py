@@ -9,11 +9,14 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
-from labpipe.variables import described
+from labpipe.variables import variable
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
+
+SERIES, HEIGHT = "drop {}", "height, {}"
+"""Inputs of the rows: what one of the drops, by its number, adds to the plate that all find, and its height."""
 
 
 def comparison(
@@ -26,17 +29,15 @@ def comparison(
 ) -> xr.Dataset:
     """Compare the mean of the repeats with the simulation, each counted from its blow."""
     del settings
-    time = model["time"].values
-    curves, first = [], 0
+    time, remaining = model["time"].values, iter(zip(displacement, ringing, strict=True))
+    curves = []
     for count in table["n"].values.astype(int):
+        repeats = [next(remaining) for _ in range(count)]
         shifted = [
-            np.interp(
-                time + float(r["blow_time"]), d["time"].values, d["displacement"].values, left=np.nan, right=np.nan
-            )
-            for d, r in zip(displacement[first : first + count], ringing[first : first + count], strict=True)
+            np.interp(time + float(r["blow_time"]), d["time"], d["displacement"], left=np.nan, right=np.nan)
+            for d, r in repeats
         ]
         curves.append(np.mean(shifted, axis=0))
-        first += count
     measured = np.array(curves)
     theirs = model["displacement"].values
     both = np.isfinite(measured) & np.isfinite(theirs)
@@ -44,22 +45,13 @@ def comparison(
     bias = np.nanmean(measured - theirs, axis=1)
     return xr.Dataset(
         {
-            "measured": (("series", "time"), measured, described("m", "displacement, mean of the repeats")),
-            "model": (("series", "time"), theirs, described("m", "simulated displacement")),
-            "nrmse": ("series", errors, described("1", "root-mean-square error over the range of the fit")),
-            "bias": ("series", bias, described("m", "mean of measured minus model")),
+            "measured": variable(("series", "time"), measured, "m", "displacement, mean of the repeats"),
+            "model": variable(("series", "time"), theirs, "m", "simulated displacement"),
+            "nrmse": variable("series", errors, "1", "root-mean-square error over the range of the fit"),
+            "bias": variable("series", bias, "m", "mean of measured minus model"),
         },
         coords={"series": table["series"], "time": model["time"]},
     )
-
-
-SERIES = "drop"
-"""Begins the names of what one of the drops adds to the plate that all of them find."""
-
-
-def height_name(settings: PlateVibration, i: int) -> str:
-    """Name the height of one of the drops, as an input of the rows."""
-    return f"height, {drops_label(settings.drops[i])}"
 
 
 def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
@@ -108,9 +100,11 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
         # effects are factors: seen from the geometric mean, two drops that predict each other differ by as much
         middle = float(np.sqrt(amplitude[i] * expected))
         moves = -middle * (np.eye(amplitude.size)[i] - weights[i])
-        others = [int(j) for j in np.flatnonzero(moves)]
-        slopes = {f"{SERIES} {j + 1}": float(-moves[j]) for j in others}
-        slopes |= {height_name(settings, j): float(0.5 * moves[j] / settings.drops[j].height.value) for j in others}
+        slopes = {}
+        for j in map(int, np.flatnonzero(moves)):
+            drops = settings.drops[j]
+            slopes[SERIES.format(j + 1)] = float(-moves[j])
+            slopes[HEIGHT.format(drops_label(drops))] = float(0.5 * moves[j] / drops.height.value)
         by_others = np.linalg.norm(weights[i] * total)
         yield row(
             "amplitude at impact",

@@ -3,7 +3,6 @@
 import json
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -13,7 +12,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.variables import described, variable, with_u
-from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
+from pipelines.experiments.plate_vibration.measured import drops_label, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.experiments.shared.material_choice import resolve
@@ -38,24 +37,20 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     made = xr.Dataset({short: table[name].drop_vars(table[name].coords) for name, short in names.items()})
     known = _known(settings, fitted)
     if settings.sphere is None or not known:
-        return made.assign(with_u("mass", (), np.nan, np.nan, "kg", NAMES["modal_mass"]))
-    frequency, zeta = float(made["frequency"]), float(made["damping_ratio"])
-    places = list(known)
+        return made.assign(with_u("mass", (), np.nan, np.nan, "kg", "modal mass"))
+    frequency, zeta, places = float(made["frequency"]), float(made["damping_ratio"]), list(known)
     scale = table["amplitude"].values[places] * 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
     relative = np.hypot(*relative_uncertainty(table, settings))[places]
-    mass, substrate = np.inf, None
+    mass, under = np.inf, None
     for _ in range(_ROUNDS):
-        substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
-        drops = [_Drop(settings, solid, settings.drops[i].height.value) for i, solid in known.items()]
-        each = np.array([drop.heard(substrate, frequency, zeta)[0] for drop in drops]) / scale
-        own = each * relative
-        mass, scatter, _ = weighted_mean(each, own)
-    shared = float(table.attrs["u_systematic_relative"])
-    shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value)) * mass
-    made = made.assign(with_u("mass", (), mass, float(np.hypot(scatter, shared)), "kg", NAMES["modal_mass"]))
-    full = np.full((2, table.sizes["series"]), np.nan)
-    full[:, places] = each, own
-    made = made.assign(with_u("modal_mass", "series", full[0], full[1], "kg", "modal mass by each of the drops"))
+        each = np.array([_heard(settings, i, solid, under, frequency, zeta)[0] for i, solid in known.items()]) / scale
+        mass, scatter, _ = weighted_mean(each, each * relative)
+        under = contact.Plate(mass, frequency, zeta)
+    shared = np.hypot(table.attrs["u_systematic_relative"], settings.sphere.mass.u / settings.sphere.mass.value) * mass
+    by_drop, u = np.full((2, table.sizes["series"]), np.nan)
+    by_drop[places], u[places] = each, each * relative
+    of_each = with_u("modal_mass", "series", by_drop, u, "kg", "modal mass by each of the drops")
+    made = made.assign(with_u("mass", (), mass, float(np.hypot(scatter, shared)), "kg", "modal mass") | of_each)
     return made.assign_attrs(work=json.dumps({"simulated_impacts": _ROUNDS * len(known)}))
 
 
@@ -86,58 +81,35 @@ def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> tuple[F
     return own / amplitude, by_height
 
 
-@dataclass(frozen=True, slots=True)
-class _Drop:
-    """A drop of the sphere, of one solid from a height [m]."""
+def _simulated(
+    settings: PlateVibration, i: int, solid: Prony, plate: contact.Plate | None, since: Floats, full: bool = False
+) -> xr.Dataset:
+    """Simulate one of the drops at times (time,) since first touch [s]."""
+    sphere, chosen, height = settings.sphere, settings.model, settings.drops[i].height.value
+    if sphere is None:
+        raise InputError("the experiment names no sphere; the momentum of an impact needs mass and radius")
+    times = since + np.sqrt(2 * height / chosen.gravity.value)
+    body = (solid, sphere.radius.value, sphere.mass.value, height, float(times[-1]))
+    scheme = (chosen.solver, chosen.profile, chosen.rtol)
+    flat = counter_body_of(settings.counter_body)
+    options = {"gravity": chosen.gravity.value, "plate": plate, "substrate": flat, "times": times, "full": full}
+    return contact.drop(*body, *scheme, **options)
 
-    settings: PlateVibration
-    solid: Prony
-    height: float
 
-    @property
-    def fall(self) -> float:
-        """Time from the release to first touch [s]."""
-        return float(np.sqrt(2 * self.height / self.settings.model.gravity.value))
+def _heard(
+    settings: PlateVibration, i: int, solid: Prony, plate: contact.Plate | None, frequency: float, zeta: float
+) -> tuple[float, float]:
+    """Momentum [N s] that the plate listens to, and the time [s] from first touch to the blow of no duration.
 
-    def simulated(self, plate: contact.Plate | None, times: Floats, rtol: float, *, full: bool = False) -> xr.Dataset:
-        """Simulate it up to the last of the times (time,) [s]."""
-        sphere, chosen = self.settings.sphere, self.settings.model
-        if sphere is None:
-            raise InputError("the experiment names no sphere; the momentum of an impact needs mass and radius")
-        return contact.drop(
-            self.solid,
-            sphere.radius.value,
-            sphere.mass.value,
-            self.height,
-            float(times[-1]),
-            chosen.solver,
-            chosen.profile,
-            rtol,
-            gravity=chosen.gravity.value,
-            plate=plate,
-            substrate=counter_body_of(self.settings.counter_body),
-            times=times,
-            full=full,
-        )
-
-    def heard(self, plate: contact.Plate | None, frequency: float, zeta: float) -> tuple[float, float]:
-        """Momentum [N s] that the plate listens to, and the time [s] from first touch to the blow of no duration.
-
-        A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
-        its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
-        """
-        times = np.arange(self.fall, self.fall + _COVERED, _FINE)
-        s, force = times - self.fall, self.simulated(plate, times, self.settings.model.rtol)["force"].values
-        omega = 2 * np.pi * frequency
-        rate, damped = zeta * omega, omega * np.sqrt(1 - zeta**2)
-        whole = np.trapezoid(force * np.exp((rate - 1j * damped) * s), s)
-        blow = float(-np.angle(whole) / damped)
-        return float(np.abs(whole) * np.exp(-rate * blow)), blow
-
-    def seen(self, plate: contact.Plate, time: Floats, rtol: float, *, full: bool) -> Floats:
-        """Return the displacement of the plate [m] at times since the blow."""
-        start = self.fall + self.heard(plate, plate.frequency, plate.damping_ratio)[1]
-        return np.asarray(-self.simulated(plate, time + start, rtol, full=full)["plate_displacement"].values)
+    A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
+    its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
+    """
+    s = np.arange(0.0, _COVERED, _FINE)
+    force = _simulated(settings, i, solid, plate, s)["force"].values
+    rate, damped = zeta * 2 * np.pi * frequency, 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
+    whole = np.trapezoid(force * np.exp((rate - 1j * damped) * s), s)
+    blow = float(-np.angle(whole) / damped)
+    return float(np.abs(whole) * np.exp(-rate * blow)), blow
 
 
 def model(
@@ -152,17 +124,16 @@ def model(
 
     ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
     """
-    mass = float(plate["mass"])
-    if not np.isfinite(mass) or settings.sphere is None:
+    mass, frequency, zeta = (float(plate[name]) for name in ("mass", "frequency", "damping_ratio"))
+    if not np.isfinite(mass):
         raise InputError(
             "no modal mass is known for the simulation; name the sphere, with radius and mass, and "
             "a DMA experiment (material_from) or a material of the library"
         )
-    found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
-    time = np.arange(-_BEFORE, _AFTER, _STEP)
+    found, time = contact.Plate(mass, frequency, zeta), np.arange(-_BEFORE, _AFTER, _STEP)
     moved = np.full((table.sizes["series"], time.size), np.nan)
     for i, solid in _known(settings, fitted).items():
-        drop = _Drop(settings, solid, settings.drops[i].height.value)
-        moved[i] = drop.seen(found, time, settings.model.rtol, full=full)
+        since = time + _heard(settings, i, solid, found, frequency, zeta)[1]
+        moved[i] = -_simulated(settings, i, solid, found, since, full)["plate_displacement"].values
     made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
     return made.assign(displacement=variable(("series", "time"), moved, "m", "simulated displacement of the plate"))

@@ -10,7 +10,7 @@ import xarray as xr
 from labpipe.report import Band, Block, LineChart, Listed, Role, Section, Series, listed
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
-from pipelines.experiments.plate_vibration.measured import NAMES, drops_label
+from pipelines.experiments.plate_vibration.measured import OF_PLATE, drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.reports import Report, budgets, summary
@@ -22,8 +22,7 @@ def _details(
     settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None
 ) -> list[tuple[str, str, str]]:
     remark = f"weighted mean of {pages.counted(int(table['n'].sum()), 'recording')}; standard uncertainty"
-    both = ("natural_frequency", "damping_ratio")
-    rows = [(NAMES[name], pages.told(table, f"plate_{name}"), remark) for name in both]
+    rows = [(title, pages.told(table, f"plate_{name}"), remark) for name, (_, title) in OF_PLATE.items()]
     if plate is not None and np.isfinite(float(plate["mass"])):
         remark = "from amplitude and simulated momentum; the uncertainty of the spheres' moduli is not included"
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
@@ -91,19 +90,15 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
 
 def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None) -> Section:
     kinds = sorted({drops.material for drops in settings.drops})
-    frequency = pages.told(table, "plate_natural_frequency")
-    damping = pages.told(table, "plate_damping_ratio")
     text = (
         f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) were dropped in "
         f"{pages.counted(int(table['n'].sum()), 'recording')}. The free vibration between the first and the second "
-        "contact was fitted by one damped oscillation, over the interval in which the fit predicts the next readings. "
-        f"The natural frequency was {frequency}, the damping ratio {damping} (standard uncertainties). "
+        "contact was fitted by one damped oscillation, over the interval in which the fit predicts the next readings."
     )
     if plate is not None and np.isfinite(float(plate["mass"])):
-        mass = pages.told(plate, "mass")
         text += (
-            f"The modal mass, {mass}, follows from the amplitudes and the momentum of the "
-            "simulated impacts at that frequency."
+            " The modal mass follows from the amplitudes and the momentum of the simulated impacts at its natural "
+            "frequency."
         )
     return pages.methods(text, settings)
 

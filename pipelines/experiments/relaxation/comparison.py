@@ -7,9 +7,8 @@ import xarray as xr
 
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
-from labpipe.variables import from_rows, with_u
-from pipelines.experiments.relaxation.measured import Hold, find
-from pipelines.experiments.relaxation.model import SLOPES
+from labpipe.variables import from_rows, variable, with_u
+from pipelines.experiments.relaxation.measured import samples
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import (
@@ -22,8 +21,9 @@ from pipelines.experiments.shared.comparison_rows import (
     with_its_u,
 )
 from pipelines.experiments.shared.model_inputs import INPUTS, inputs_of
-from pipelines.experiments.shared.punch_model import laid_along
+from pipelines.experiments.shared.punch_model import TOUCH, laid_along
 
+_SLOPES = "slope_plateau_force"
 _PARTS = ("ramp", "early", "late")
 _COUNT = 4  # stretches of each
 _FEWEST = 10  # samples of a stretch
@@ -41,12 +41,13 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
     # the uncertainty is one error in common: it passes the filter as a force
     passed, u_passed = (mach1_readings.passed(loads, model[n].values) for n in ("force", "u_force"))
-    measured, rows, agreed = loads["force"].values, [], []
-    for number, hold in enumerate(find(loads)):
-        at, theirs, gap = ramps.isel(ramp=number), passed[hold.rows], (measured - passed)[hold.rows]
-        time = loads["time"].values[hold.rows]
+    # each file has a first touch of its own: what the files have in common is the punch and the solid
+    measured, common, slopes, rows, agreed = loads["force"].values, model.drop_sel(uncertain=TOUCH), [], [], []
+    for number, inside in enumerate(samples(ramps)):
+        at, theirs, gap = ramps.isel(ramp=number), passed[inside], (measured - passed)[inside]
+        time, begin, end, last = loads["time"].values[inside], *(float(at[name]) for name in ("begin", "end", "last"))
         late = time >= float(at["plateau_begin"])
-        plateau, u = float(theirs[late].mean()), float(model["u_force"].values[hold.rows][late].mean())
+        plateau, u = float(theirs[late].mean()), float(model["u_force"].values[inside][late].mean())
         row = {
             "plateau_force_model": plateau,
             "u_plateau_force_model": u,
@@ -54,21 +55,20 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
             "u_plateau_force_difference": float(np.hypot(float(at["u_plateau_force"]), u)),
         }
         # half of the hold on a logarithmic scale of time
-        until = hold.end + float(np.sqrt((hold.end - hold.begin) * (hold.last - hold.end)))
-        spans = {"ramp": (hold.begin, hold.end), "early": (hold.end, until), "late": (until, hold.last)}
+        until = end + float(np.sqrt((end - begin) * (last - end)))
+        spans = {"ramp": (begin, end), "early": (end, until), "late": (until, last)}
         extent = float(np.ptp(theirs))  # a wrong scale must not hide in its own range
-        for part, (begin, end) in (spans | {"all": (hold.begin, hold.last)}).items():
-            inside = gap[(time >= begin) & (time <= end)]
-            row[f"nrmse_{part}"] = float(np.sqrt(np.mean(inside**2))) / extent if inside.size else np.nan
-            row[f"bias_{part}"] = float(inside.mean()) if inside.size else np.nan
+        for part, (since, before) in (spans | {"all": (begin, last)}).items():
+            there = gap[(time >= since) & (time <= before)]
+            row[f"nrmse_{part}"] = float(np.sqrt(np.mean(there**2))) / extent if there.size else np.nan
+            row[f"bias_{part}"] = float(there.mean()) if there.size else np.nan
         rows.append(row)
-        spans["early"] = (hold.end + _FIRST * (until - hold.end), until)
-        nodes, effects = model["node"].values[number], model["effect"].values[number].T
+        slopes.append(common["slope"].values[:, inside][:, late].mean(axis=1))
+        spans["early"] = (end + _FIRST * (until - end), until)
         known: dict[str, Agreement | None] = {}
-        for part, (begin, end) in spans.items():
-            places = _stretches(hold, time, begin, end)
-            of_model = [[np.interp(place, nodes, one).mean() for place in places] for one in effects]
-            known[part] = laid_along(loads, measured, passed, places, of_model) if places else None
+        for part, span in spans.items():
+            places = _stretches(inside.start, time, end, *span)
+            known[part] = laid_along(loads, measured, passed, places, model) if places else None
         agreed.append(known)
     columns = {f"nrmse_{p}": ("1", f"rms error over range of simulated force, {p}") for p in (*_PARTS, "all")}
     columns |= {f"bias_{p}": ("N", f"mean of measured minus model, {p}") for p in (*_PARTS, "all")}
@@ -81,19 +81,21 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     made = made.assign(with_u("simulated_force", "sample", passed, u_passed, "N", text, "from touch, punch and solid"))
     for part in _PARTS:
         made = made.assign(curve_table("ramp", [one[part] for one in agreed], f"curve_{part}"))
-    return made.merge(model[[SLOPES, *INPUTS]])
+    text = "change of the plateau's force with an input, SI"
+    made[_SLOPES] = variable(("ramp", "uncertain"), slopes, "1", text)
+    return made.merge(common[list(INPUTS)])
 
 
-def _stretches(hold: Hold, time: Floats, begin: float, end: float) -> list[Integers]:
+def _stretches(start: int, time: Floats, arrival: float, begin: float, end: float) -> list[Integers]:
     """Return the samples in each stretch of a part of a test, ever longer ones in the hold."""
     inside = np.flatnonzero((time >= begin) & (time <= end))
     count = min(_COUNT, inside.size // _FEWEST)
     if not count:
         return []
-    start = max(begin - hold.end, 0.0)
-    share = np.linspace if begin < hold.end else np.geomspace
-    at = share(start, start + end - begin, count + 1)[1:-1] + begin - start
-    return np.split(hold.rows.start + inside, np.searchsorted(time[inside], at))
+    since = max(begin - arrival, 0.0)
+    share = np.linspace if begin < arrival else np.geomspace
+    at = share(since, since + end - begin, count + 1)[1:-1] + begin - since
+    return np.split(start + inside, np.searchsorted(time[inside], at))
 
 
 def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | None]) -> Iterator[Row]:
@@ -114,7 +116,7 @@ def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | N
                 "N",
                 1,
                 slopes={FORCE_SCALE: float(seen[0]), STIFFNESS: -float(simulated[0])}
-                | {name: -float(slope) for name, slope in zip(inputs, compared[SLOPES].values[i], strict=True)},
+                | {name: -float(slope) for name, slope in zip(inputs, compared[_SLOPES].values[i], strict=True)},
                 condition=condition,
                 measured=seen,
                 model=simulated,

@@ -9,12 +9,10 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, LinearModel, Parameter, force_evidence, lee_radok_basis
-from pipelines.experiments.relaxation.measured import find
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
-from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_punch
+from pipelines.experiments.shared.punch_model import SHIFT, Geometry, elastic_force
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
@@ -32,15 +30,12 @@ def evidence(
 ) -> MaterialEvidence | str:
     """Gather the forces of all holds, as recorded behind the cell's filter."""
     parts = []
-    for number, recording in enumerate(settings.mach1):
-        found = ramps[number]
-        if not np.isfinite(float(found["contact_position"])):
-            return f"first touch was not found in {recording}"
-        shared = of_punch(settings, loads[number], float(found["depth"].max()), file, fitted)
+    for number, (load, found, curve) in enumerate(zip(loads, ramps, curves, strict=True), 1):
+        shared = of_punch(settings, load, float(found["depth"].max()), file, fitted)
         if isinstance(shared, str):
             return shared
-        label = name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
-        parts.append((shared[0].nu, *_of_file(label, loads[number], found, curves[number], *shared)))
+        label = name + (f" {number}" if len(loads) > 1 else "")
+        parts.append((shared[0].nu, *_of_file(label, load, found, curve, *shared)))
     unknowns = [unknown for _, _, own, _ in parts for unknown in own]
     lags = np.concatenate([lag for _, lag, _, _ in parts])
 
@@ -77,9 +72,10 @@ def _of_file(
     delay = mach1_readings.filter_delay(loads)
     # the file's time (number,) at which the stage arrived from every number's ramp
     clock, time = mach1_readings.clock(loads), loads["time"].values
-    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in find(loads)]
-    at = np.array(begins)[np.nonzero(kept)[0]] + lag - delay.value
-    places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
+    first = ramps["first"].values.astype(int)
+    begins = (clock - time)[first] + ramps["end"].values
+    at = begins[np.nonzero(kept)[0]] + lag - delay.value
+    places = np.array([at - width, at + width])
     # the history of the contact, which no choice of relaxation times changes
     position = loads["position_z"].values
     told = mach1_readings.history(clock, position)
@@ -89,21 +85,17 @@ def _of_file(
         np.interp(grid, clock[told], _elastic_area(position[told] - touch - shift, geometry)) for shift in (0.0, SHIFT)
     ]
 
-    def basis(rho: Floats, area: Floats) -> tuple[Floats, Floats]:
-        """Return the basis (number, 1 + term), and the same with a delay one deviation longer."""
+    def basis(rho: Floats, area: Floats) -> Floats:
         made = lee_radok_basis(grid, area, rho, geometry.nu)
-        early, late, early_longer, late_longer = (made[row] for row in rows)
-        return 0.5 * (early + late), 0.5 * (early_longer + late_longer)
+        return np.asarray(0.5 * (made[rows[0]] + made[rows[1]]))
 
     def build(rho: Floats) -> Evidence:
-        usual, longer = basis(rho, areas[0])
-        shifts = {zero.name: (basis(rho, areas[1])[0] - usual) / SHIFT}
-        if delay.u > 0.0:
-            shifts[FILTER.name] = longer - usual
+        usual = basis(rho, areas[0])
+        shifts = {zero.name: (basis(rho, areas[1]) - usual) / SHIFT}
         factors, offsets = tuple(unknown.name for unknown in unknowns), (tare.name,)
         return force_evidence(label, lag, force, u, usual, shifts=shifts, factors=factors, offsets=offsets)
 
-    return lag, [*unknowns, zero, tare, *([FILTER] if delay.u > 0.0 else [])], build
+    return lag, [*unknowns, zero, tare], build
 
 
 def _elastic_area(depth: Floats, geometry: Geometry) -> Floats:

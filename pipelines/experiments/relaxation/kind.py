@@ -17,7 +17,7 @@ _STAGES = (
     ),
     _each("relaxation.measured:ramps", "loads", "contact", "find touch, ramps and holds: peak and plateau"),
     _each(
-        "relaxation.moduli:curves",
+        "relaxation.measured:curves",
         f"loads ramps {solid_of('substrate')}",
         "punch substrate model",
         "relaxation curve, and moduli from the force",

@@ -1,22 +1,28 @@
-"""Relaxation under a periodic punch: ramps and holds with their peaks and plateaus, and all tests in a table."""
+"""Relaxation under a periodic punch: ramps and holds, relaxation curves, moduli from plateaus, and all tests.
+
+The modulus of a plateau is that of eq. (2.17) of the thesis.
+"""
 
 import json
 import warnings
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from scipy.signal import detrend
 
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
+from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
-from labpipe.variables import from_rows, with_u
+from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.mach1_readings import relative_gain
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 
 _ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
 _LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
@@ -27,6 +33,9 @@ _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is
 _FEWEST = 20  # readings of a hold
 _PLATEAU = 0.1  # of a hold, its last part
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
+_BINS_PER_DECADE = 12  # of the relaxation curve
+_ENOUGH = 100  # readings from which noise is known to 7 %
+_NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
 _COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
     "travel": ("m", "travel of the ramp"),
@@ -40,30 +49,15 @@ _COLUMNS = {
     "plateau_begin": ("s", "start of the plateau's window, in the block's time"),
     "last": ("s", "end of the hold, in the block's time"),
     "block": ("1", "number of the block in the file"),
+    "first": ("1", "first sample of the ramp in the file"),
+    "stop": ("1", "sample of the file behind the hold"),
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Hold:
-    """One ramp with its hold.
+def find(loads: xr.Dataset) -> list[dict[str, float]]:
+    """Return every ramp and hold of the file's Stress Relaxation blocks: the motion, in the names of :func:`ramps`.
 
-    ``rows`` are the samples of ramp and hold; ``begin``, ``end`` and ``last`` are the block's
-    times [s] at which the ramp begins, the stage has arrived, and the hold ends; ``start`` and
-    ``held`` the positions [m] before and after; ``speed`` [m/s] that of the ramp's middle.
-    """
-
-    block: int
-    rows: slice
-    begin: float
-    end: float
-    last: float
-    start: float
-    held: float
-    speed: float
-
-
-def find(loads: xr.Dataset) -> list[Hold]:
-    """Return every ramp and hold of the file's Stress Relaxation blocks.
+    In addition ``held`` is the position [m] of the hold.
 
     Raises
     ------
@@ -78,12 +72,12 @@ def find(loads: xr.Dataset) -> list[Hold]:
         previous = None
         for first, after in pairwise(edges):
             hold = _hold(loads, block, slice(rows.start + int(first), rows.start + int(after)), previous)
-            previous = hold.held
+            previous = hold["held"]
             found.append(hold)
     return found
 
 
-def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) -> Hold:
+def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) -> dict[str, float]:
     time, position, force = (loads[name].values[rows] for name in ("time", "position_z", "force"))
 
     def refused(text: str) -> InputError:
@@ -108,7 +102,16 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
     speed = travel / max(float(time[end] - time[first]), 1e-9)
     if middle.sum() > 2:
         speed = float(np.polyfit(time[middle], position[middle], 1)[0])
-    return Hold(block, rows, float(time[first]), float(time[end]), float(time[-1]), start, held, speed)
+    begin, arrival, last = (float(time[i]) for i in (first, end, -1))
+    moved = {"held": held, "travel": travel, "speed": speed, "begin": begin, "end": arrival, "last": last}
+    plateau = last - _PLATEAU * (last - arrival)
+    places = {"block": float(block), "first": float(rows.start), "stop": float(rows.stop)}
+    return moved | places | {"duration": last - arrival, "plateau_begin": plateau}
+
+
+def samples(ramps: xr.Dataset) -> list[slice]:
+    """Return where the samples of each ramp and its hold lie in the file."""
+    return [slice(int(first), int(stop)) for first, stop in zip(ramps["first"], ramps["stop"], strict=True)]
 
 
 def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
@@ -118,29 +121,21 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     """
     known = mach1_readings.first_touch(loads, settings.contact)
     touch = mach1_readings.touch_of(known)
-    rows = [_row(loads, hold, touch) for hold in find(loads)]
+    rows = [hold | _forces(loads, hold, touch) for hold in find(loads)]
     made = xr.Dataset(from_rows("ramp", rows, _COLUMNS), coords={"ramp": np.arange(1, len(rows) + 1)})
     return made.merge(known).assign_attrs(known.attrs, work=json.dumps({"ramps": len(rows)}))
 
 
-def _level(loads: xr.Dataset, hold: Hold, middle: float) -> tuple[float, float]:
-    """Return the mean force over a tenth of a hold about a place in it, 0 to 1, with its random uncertainty [N]."""
-    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
-    used = np.abs((time - hold.end) / (hold.last - hold.end) - middle) <= 0.5 * _PLATEAU + 1e-9
-    values = force[used]
-    rest = detrend(values)
-    step = float(loads.attrs.get("resolution", 0.0)) / np.sqrt(12)
-    noise = max(float(rest.std()), step)
-    # the cell's filter ties neighbouring readings together; all on one step of the cell no mean sees between
-    u = max(noise / np.sqrt(independent_count(rest)), step if noise < np.sqrt(3) * step else 0.0)
-    return float(values.mean()), float(u)
-
-
-def _row(loads: xr.Dataset, hold: Hold, touch: Quantity) -> dict[str, float]:
-    force = loads["force"].values[hold.rows]
+def _forces(loads: xr.Dataset, hold: dict[str, float], touch: Quantity) -> dict[str, float]:
+    """Return depth, peak and plateau of a ramp and its hold."""
+    rows, number = slice(int(hold["first"]), int(hold["stop"])), int(hold["block"]) + 1
+    since, force = loads["time"].values[rows] - hold["end"], loads["force"].values[rows]
     if np.ptp(force) == 0.0:
-        raise InputError(f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record")
-    (half, u_half), (later, _), (level, u_level) = (_level(loads, hold, at) for at in (0.5, 0.75, 1 - 0.5 * _PLATEAU))
+        raise InputError(f"block {number}: the force is the same in all readings; the load cell did not record")
+    middles = np.array([0.5, 0.75, 1 - 0.5 * _PLATEAU])[:, None] * hold["duration"]
+    tenths = np.abs(since - middles) <= (0.5 * _PLATEAU + 1e-9) * hold["duration"]
+    half, later, level = (float(force[tenth].mean()) for tenth in tenths)
+    u_half, _, u_level = _u_of_means(loads, since, force, tenths.sum(axis=1)).tolist()
     # The force at half and at three quarters of the hold shows how fast its fall slows down; a fall that goes on so,
     # each quarter the same share of the one before, ends lower by a known amount: a rectangle of twice this half width.
     falls = max(later - level, 0.0)
@@ -148,33 +143,124 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity) -> dict[str, float]:
     rest = 2.0 * falls * share / (1.0 - share) / float(np.sqrt(3.0))
     if rest > _UNFINISHED * level:
         warnings.warn(
-            f"block {hold.block + 1}: the force is still falling at the end of the hold from {hold.end:.4g} s, by "
+            f"block {number}: the force is still falling at the end of the hold from {hold['end']:.4g} s, by "
             f"about {50 * np.sqrt(3.0) * rest / level:.1f} % more: the plateau is not relaxed",
             stacklevel=2,
         )
     peak = float(force.max())
     return {
-        "depth": hold.held - touch.value,
+        "depth": hold["held"] - touch.value,
         "u_depth": float(np.hypot(touch.u, _STEP / np.sqrt(12))),
-        "travel": hold.held - hold.start,
-        "speed": hold.speed,
-        "duration": hold.last - hold.end,
         "peak_force": peak,
         "u_peak_force": float(np.hypot(np.nanmax(loads["u_force"].values), systematic(loads, peak))),
         "plateau_force": level,
         "u_plateau_force": float(np.hypot(u_level, systematic(loads, level))),
         "unfinished": rest,
-        "begin": hold.begin,
-        "end": hold.end,
-        "plateau_begin": hold.last - _PLATEAU * (hold.last - hold.end),
-        "last": hold.last,
-        "block": float(hold.block),
     }
 
 
 def systematic(loads: xr.Dataset, force: float) -> float:
     """Return the uncertainty of a force by tare and gain [N]; an unknown gain adds nothing."""
     return float(np.hypot(float(loads["u_tare"]), relative_gain(loads) * force))
+
+
+def curves(
+    loads: xr.Dataset, ramps: xr.Dataset, material_file: Path | None, fitted: xr.Dataset | None, *, settings: Relaxation
+) -> xr.Dataset:
+    """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
+
+    Of the named material only Poisson's ratio is used.
+    """
+    result = _relaxation_curves(loads, ramps)
+    touch = float(ramps["contact_position"])
+    if settings.punch is None or not np.isfinite(touch):
+        reason = "no punch is named" if settings.punch is None else ramps.attrs["contact"]
+        return result.assign_attrs(absent=f"no modulus was found: {reason}")
+    substrate = settings.substrate
+    nu = None if substrate is None else float(resolve(substrate, material_file, fitted).nu)
+    geometry = Geometry.of(settings.punch, substrate, settings.model, nu)
+    moduli = [_modulus(loads, ramps.isel(ramp=i), geometry) for i in range(ramps.sizes["ramp"])]
+    columns = {
+        "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
+        "reduced_modulus_own_part": ("Pa", "part of its uncertainty that other depths do not share"),
+    }
+    result = result.merge(xr.Dataset(from_rows("ramp", [m for m, _ in moduli], columns)))
+    result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
+    result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
+    return result
+
+
+def _relaxation_curves(loads: xr.Dataset, ramps: xr.Dataset) -> xr.Dataset:
+    """Bin the force of every hold over the logarithm of the time since the stage arrived, at the bins' mean times."""
+    interval = float(loads["sampling_interval"][int(ramps["block"][0])])
+    longest = float(ramps["duration"].max())
+    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * _BINS_PER_DECADE) + 2)
+    text = "force in the hold, as recorded behind the cell's filter"
+    columns = {
+        "force": ("N", text),
+        "u_force": ("N", f"standard uncertainty from noise: {text}"),
+        "mean_time": ("s", "mean time of a bin's readings since the stage arrived"),
+        "time_spread": ("s", "standard deviation of the times of a bin's readings"),
+    }
+    table = np.full((len(columns), ramps.sizes["ramp"], edges.size - 1), np.nan)
+    for i, (rows, end) in enumerate(zip(samples(ramps), ramps["end"].values, strict=True)):
+        since, force = loads["time"].values[rows] - end, loads["force"].values[rows]
+        place = np.searchsorted(edges, since, side="right") - 1
+        inside = (place >= 0) & (place < edges.size - 1)
+        bins = pd.DataFrame({"time": since[inside], "force": force[inside]}).groupby(place[inside])
+        mean, count = bins.mean(), bins.size()
+        u = _u_of_means(loads, since, force, np.asarray(count, np.int64))
+        table[:, i, count.index] = mean["force"], u, mean["time"], bins["time"].std(ddof=0)
+    kept = np.isfinite(table[0]).any(axis=0)
+    lag = np.sqrt(edges[1:] * edges[:-1])[kept]
+    return xr.Dataset(
+        {
+            name: variable(("ramp", "lag"), values[:, kept], *words)
+            for (name, words), values in zip(columns.items(), table, strict=True)
+        },
+        coords={"ramp": ramps["ramp"], "lag": variable("lag", lag, "s", "time since the stage arrived")},
+    )
+
+
+def _u_of_means(loads: xr.Dataset, since: Floats, force: Floats, count: Integers) -> Floats:
+    """Return the standard uncertainty [N] of means of so many readings, by the noise of the second half of a hold."""
+    late = since >= 0.5 * since[-1]
+    step = float(loads.attrs.get("resolution", 0.0))
+    sd, memory = float(np.nanmax(loads["u_force"].values)), 1.0
+    if late.sum() >= _ENOUGH:
+        log_time = np.log(since[late])
+        rest = force[late] - np.polynomial.Polynomial.fit(log_time, force[late], _NOISE_TREND)(log_time)
+        # the cell's filter ties neighbouring readings together
+        sd, memory = float(rest.std()), rest.size / independent_count(rest)
+    least = step / np.sqrt(12.0)
+    u = max(sd, least) / np.sqrt(np.maximum(count / memory, 1.0))
+    return np.asarray(np.maximum(u, least) if sd < step / 2 else u)
+
+
+def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dict[str, float], list[Row]]:
+    """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
+    depth, force = float(at["depth"]), float(at["plateau_force"])
+    if depth <= 0:
+        message = f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch cannot be right"
+        raise InputError(message)
+    value = force / float(elastic_force(np.array([depth]), geometry)[0])
+    of_force, noise = value / force, excess_uncertainty(float(at["u_plateau_force"]), systematic(loads, force))
+    own = [
+        Source("noise", 0.0, noise, "N", of_force, "random"),
+        Source("tare", float(loads["tare"]), float(loads["u_tare"]), "N", -of_force, "systematic"),
+        Source("unfinished relaxation", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
+    ]
+    # a deeper contact at the same force is a softer one
+    of_punch = relative_sources(depth, float(at["u_depth"]), geometry)
+    *shape, touch = (s._replace(sensitivity=-value * s.sensitivity) for s in of_punch)
+    gain = Source("gain", float(loads["gain"]), float(np.nan_to_num(loads["u_gain"])), "1", value, "systematic")
+    sources = [*own, gain, *shape, touch]
+    row = {
+        "reduced_modulus": value,
+        "u_reduced_modulus": combined_uncertainty(sources),
+        "reduced_modulus_own_part": combined_uncertainty([*own, touch]),
+    }
+    return row, budget_rows(sources)
 
 
 def tests(
@@ -191,15 +277,11 @@ def tests(
     made = xr.concat(tables, "ramp", data_vars="minimal", coords="minimal", compat="override", join="outer")
     made = made.rename(ramp="test").assign_coords(test=np.arange(1, len(names) + 1))
     made.attrs = {"names": json.dumps(names)}
-    if "reduced_modulus" in made:
-        made = made.merge(_averaged(made, next(float(c["nu"]) for c in curves if "nu" in c)))
-    return made
-
-
-def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
-    """Average the modulus over the tests, weighted by the part of u that they do not share, with the Birge ratio."""
-    names = ("reduced_modulus", "reduced_modulus_own_part", "u_reduced_modulus")
-    value, own, whole = (table[name].values[np.isfinite(table["reduced_modulus"])] for name in names)
+    if "reduced_modulus" not in made:
+        return made
+    names = ["reduced_modulus", "reduced_modulus_own_part", "u_reduced_modulus"]
+    value, own, whole = (made[name].values[np.isfinite(made["reduced_modulus"])] for name in names)
+    # weighted by the part of u that the tests do not share, with the Birge ratio
     mean, weights = np.average(value, weights=1 / own**2, returned=True)
     birge = max(1.0, float(np.sqrt(np.sum(((value - mean) / own) ** 2) / max(value.size - 1, 1))))
     if birge > _BIRGE_LIMIT:
@@ -209,8 +291,8 @@ def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
             stacklevel=2,
         )
     u = float(np.hypot(birge / np.sqrt(weights), np.mean(np.sqrt(np.maximum(whole**2 - own**2, 0.0)))))
-    tension = 1 - nu**2
-    return xr.Dataset(
+    tension = 1 - next(float(curve["nu"]) for curve in curves if "nu" in curve) ** 2
+    return made.assign(
         with_u("mean_reduced_modulus", (), mean, u, "Pa", "relaxed reduced modulus over all tests")
         | with_u("mean_relaxed_modulus", (), mean * tension, u * tension, "Pa", "relaxed modulus in tension")
     )

@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
-from pipelines.experiments.relaxation.measured import find
+from pipelines.experiments.relaxation.measured import samples
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
@@ -39,7 +39,7 @@ def _details(
     return [*rows, *(("first touch", "not found", reason) for reason in sorted(lost)), *without_model(settings)]
 
 
-def _tests(tests: xr.Dataset) -> Section:
+def _tests(tests: xr.Dataset, curves: Sequence[xr.Dataset] = ()) -> Section:
     top, level = tests["peak_force"].values, tests["plateau_force"].values
     # the cell's gain is in both and cancels, so that this is rather too large
     u = np.abs(top / level) * np.hypot(tests["u_peak_force"].values / top, tests["u_plateau_force"].values / level)
@@ -51,77 +51,61 @@ def _tests(tests: xr.Dataset) -> Section:
         Listed("peak/plateau", (top / level).tolist(), u=u.tolist()),
         pages.column(tests, "speed", "ramp speed"),
         pages.column(tests, "duration", "hold"),
+        *([pages.column(tests, "reduced_modulus", "reduced modulus")] if "reduced_modulus" in tests else []),
     )
-    caption = "The peak is as recorded, behind the load cell's filter if it has one; the plateau is the mean over the "
-    return Section("Tests", (listed(columns, f"{caption}end of the hold."),))
+    caption = (
+        "The peak is as recorded, behind the load cell's filter if it has one; the plateau is the mean over the end of "
+        "the hold, its reduced modulus E/(1 − ν²) that over the elastic force of a unit modulus at the same depth "
+        "(eq. 2.17 inverted, for the punch's own profile)."
+    )
+    missing = dict.fromkeys(f"{curve.attrs['absent']}." for curve in curves if "absent" in curve.attrs)
+    return Section("Tests", (listed(columns, caption), *(Notice("info", text) for text in missing)))
 
 
-def _ramps(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
-    charts: list[Block] = []
-    for load, compared in zip(loads, comparison, strict=True):
-        has_model = is_there(compared)
+def _forces(
+    loads: Sequence[xr.Dataset],
+    ramps: Sequence[xr.Dataset],
+    comparison: Sequence[xr.Dataset],
+    curves: Sequence[xr.Dataset] | None = None,
+    tests: xr.Dataset | None = None,
+) -> list[Section]:
+    """Draw the force around each ramp sample by sample, and the means of all holds over the logarithm of time."""
+    charts, drawn, gaps = list[Block](), list[Series](), list[Series | Band]()
+    for number, (load, ramp, compared) in enumerate(zip(loads, ramps, comparison, strict=True)):
+        has_model, names = is_there(compared), ("simulated_force", "u_simulated_force")
         is_filtered = has_model and mach1_readings.declared_filter(load)
         caption = "The load cell's filter was applied to the model too." if is_filtered else ""
-        for hold in find(load):
-            time = load["time"].values[hold.rows]
-            near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
-            since, force = time[near] - hold.begin, load["force"].values[hold.rows][near]
-            series: list[Series | Band] = [Series("measured", since, force, role="measured")]
-            if has_model:
-                names = ("simulated_force", "u_simulated_force")
-                series += pages.model_curves(since, *(compared[name].values[hold.rows][near] for name in names))
-            title = f"Force around the ramp, {_label(tests, len(charts))}"
-            labels = (title, "time since the ramp began / s", "force / N", tuple(series))
+        for i, rows in enumerate(samples(ramp)):
+            label, begin = _label(tests, len(charts)), float(ramp["begin"][i] - ramp["end"][i])
+            since, force = load["time"].values[rows] - float(ramp["end"][i]), load["force"].values[rows]
+            model = [compared[name].values[rows] for name in names] if has_model else []
+            near = (since >= begin - _RAMP_VIEW) & (since <= _RAMP_VIEW)
+            series: list[Series | Band] = [Series("measured", since[near] - begin, force[near], role="measured")]
+            series += pages.model_curves(since[near] - begin, *(one[near] for one in model)) if model else ()
+            labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N", tuple(series))
             charts.append(LineChart(*labels, group="ramps", height_px=240, caption=caption))
-    return Section("Ramp and peak", tuple(charts))
-
-
-def _holds(
-    loads: Sequence[xr.Dataset],
-    curves: Sequence[xr.Dataset],
-    comparison: Sequence[xr.Dataset],
-    tests: xr.Dataset | None = None,
-) -> Section:
-    drawn: list[Series] = []
-    gaps: list[Series | Band] = []
-    number = 0
-    for load, curve, compared in zip(loads, curves, comparison, strict=True):
-        for i, hold in enumerate(find(load)):
-            label, number = _label(tests, number), number + 1
-            means = np.array([curve[name].values[i] for name in ("mean_time", "force", "u_force")])
+            if curves is None:
+                continue
+            means = np.array([curves[number][name].values[i] for name in ("mean_time", "force", "u_force")])
             lag, force, u = means[:, np.isfinite(means[1])]
             drawn.append(Series(f"{label}, measured", lag, force, style="points", role="measured"))
-            if not is_there(compared):
-                continue
-            since = load["time"].values[hold.rows] - hold.end
-            names = ("simulated_force", "u_simulated_force")
-            model, wide = (np.interp(lag, since, compared[name].values[hold.rows]) for name in names)
-            drawn.append(Series(f"{label}, model", lag, model, role="model"))
-            gaps.append(Series(label, lag, force - model, role="residual", u=u))
-            gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
-    x, caption = "time since the stage arrived / s", "Means over equal steps of the logarithm of time."
-    charts = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
-    if gaps:
+            if model:
+                theirs, wide = (np.interp(lag, since, one) for one in model)
+                drawn.append(Series(f"{label}, model", lag, theirs, role="model"))
+                gaps.append(Series(label, lag, force - theirs, role="residual", u=u))
+                gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
+    sections, x = [Section("Ramp and peak", tuple(charts))], "time since the stage arrived / s"
+    if drawn:
+        caption = "Means over equal steps of the logarithm of time."
+        holds = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
         caption = (
             "Bars: noise of each mean, one standard uncertainty. An error of the depth, the gain or the modulus shifts "
             "the whole curve; the area is the uncertainty of the model."
         )
-        title, y, rest = "Measured minus model", "difference / N", tuple(gaps)
-        charts.append(LineChart(title, x, y, rest, x_scale="log", height_px=200, caption=caption))
-    return Section("Relaxation", tuple(charts))
-
-
-def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset) -> Section:
-    absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
-    if absent is not None:
-        return Section("Modulus", (Notice("info", f"{absent}."),))
-    caption = (
-        "Relaxed reduced modulus E/(1 − ν²): plateau over the elastic force of a unit modulus at the same depth "
-        "(eq. 2.17 inverted, for the punch's own profile)."
-    )
-    depths = [_label(tests, i) for i in range(tests.sizes["test"])]
-    columns = (Listed("depth", depths), pages.column(tests, "reduced_modulus", "reduced modulus"))
-    return Section("Modulus", (listed(columns, caption, sortable=False),))
+        labels = ("Measured minus model", x, "difference / N", tuple(gaps))
+        holds += [LineChart(*labels, x_scale="log", height_px=200, caption=caption)] if gaps else []
+        sections.append(Section("Relaxation", tuple(holds)))
+    return sections
 
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
@@ -150,7 +134,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
 page = Report(
     "Stress relaxation",
     ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (summary(compared_rows, _details), measured, _tests, _ramps, _holds, _moduli, budgets(quantities), _methods),
+    (summary(compared_rows, _details), measured, _tests, _forces, budgets(quantities), _methods),
     compared_rows,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)

@@ -3,7 +3,7 @@
 Each is simulated: a temperature acts through the shift law of the material, which is far from linear.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from pipelines.experiments.shared.material_choice import fitted_at, resolve
 from pipelines.experiments.shared.proposals import POLYMERS
 from pipelines.experiments.shared.settings import Sphere
 
-_REACH, _NODES = 40.0, 9
+_REACH, _NODES = 60.0, 13
 """K by which another temperature may differ from the stated one, and temperatures that are simulated."""
 _FINE = 0.1  # K
 _FALLS = 8.0  # times the first fall, within which three impacts follow
@@ -47,15 +47,19 @@ class Alternative(NamedTuple):
 
 
 def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any) -> list[Alternative]:
-    """Simulate a drop of the other polymers of the library, and at the temperature that explains most.
+    """Simulate a drop of the other polymers of library and session, and at the temperature that explains most.
 
     ``rows`` are the compared values, ``covariance`` (row, row) is that of their differences, and ``given`` holds
     :data:`SOURCES` of the stated drop.
     """
     material_file, fitted, plate = map(given.get, SOURCES)
+    measured: Mapping[str, xr.Dataset] = given.get("others") or {}
     sphere, source = settings.sphere, settings.sphere.source
     temperature = None if sphere.temperature is None else sphere.temperature.value
     known = {name: _solid(sphere, None, None, name, temperature) for name in POLYMERS if name != source}
+    known |= {
+        f"the material of {name}": _solid(sphere, None, curve, "", temperature) for name, curve in measured.items()
+    }
     others = {name: solid for name, solid in known.items() if solid is not None}
     nodes = np.empty(0) if temperature is None else temperature + np.linspace(-_REACH, _REACH, _NODES)
     at_nodes = {float(T): _solid(sphere, material_file, fitted, "", float(T)) for T in nodes}
@@ -104,9 +108,10 @@ def _solid(
     sphere: Sphere, file: Path | None, fitted: xr.Dataset | None, name: str, temperature: float | None
 ) -> Prony | None:
     """Return the stated solid, or a named one of the library, at a temperature; None where its shifts end before."""
-    if fitted is not None and temperature is not None:
+    if fitted is not None:
         measured = fitted["temperature"].values
-        return fitted_at(fitted, temperature) if measured.min() <= temperature <= measured.max() else None
+        is_known = temperature is None or measured.min() <= temperature <= measured.max()
+        return fitted_at(fitted, temperature) if is_known else None
     try:
         return materials.load(name or file or sphere.source, temperature)
     except LabpipeError:

@@ -12,6 +12,7 @@ from pipelines.experiments.shared.settings import CounterBody, Flat, Plate, Sphe
 
 OF_PLATE = "plate "
 """Beginning of the names of the plate's inputs, next to those of the body."""
+_OF_PLATE = {"mass": "kg", "frequency": "Hz", "damping_ratio": "1"}
 
 
 def counter_body_of(flat: Flat) -> "contact.CounterBody | None":
@@ -66,27 +67,27 @@ def flat_rows(flat: Flat, sphere: Sphere, model: xr.Dataset) -> list[tuple[str, 
 
 
 def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> "contact.Plate | None":
-    """Return the plate of the model, that of session.toml or the result of a plate vibration; None is a rigid one.
+    """Return the plate of the model, that of session.toml or the result of a plate vibration; None is a rigid one."""
+    inputs = plate_inputs(given, found)
+    return contact.Plate(**{name: each.value for name, each in inputs.items()}) if inputs else None
+
+
+def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:
+    """Return the uncertain numbers of the plate by their names in :class:`labpipe.contact.Plate`.
 
     Raises
     ------
     InputError
         The plate vibration found no modal mass.
     """
-    inputs = plate_inputs(given, found)
-    return contact.Plate(**{name: each.value for name, each in inputs.items()}) if inputs else None
-
-
-def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return the uncertain numbers of the plate by their names in :class:`labpipe.contact.Plate`."""
-    if found is not None:
-        others = {"frequency": "Hz", "damping_ratio": "1"}
-        return {"mass": modal_mass(found)} | {
-            name: Quantity(float(found[name]), float(found[f"u_{name}"]), unit) for name, unit in others.items()
-        }
-    if given is None:
-        return {}
-    return {"mass": given.mass, "frequency": given.frequency, "damping_ratio": given.damping_ratio}
+    if found is None:
+        return {} if given is None else {name: getattr(given, name) for name in _OF_PLATE}
+    if not np.isfinite(float(found["mass"])):
+        raise InputError(
+            "the plate vibration found no modal mass; name its sphere (radius and mass) and drops of a "
+            "material of a DMA experiment or of the library, or give plate = {mass, frequency, damping_ratio} here"
+        )
+    return {name: Quantity(float(found[name]), float(found[f"u_{name}"]), unit) for name, unit in _OF_PLATE.items()}
 
 
 def floor_under(given: Plate | None, found: xr.Dataset | None, mass: Quantity) -> signals.Floor | None:
@@ -95,20 +96,3 @@ def floor_under(given: Plate | None, found: xr.Dataset | None, mass: Quantity) -
         return None
     inputs = plate_inputs(given, found)
     return signals.Floor(mass.value / inputs["mass"].value, inputs["frequency"].value) if inputs else None
-
-
-def modal_mass(found: xr.Dataset) -> Quantity:
-    """Return the plate's modal mass with its uncertainty.
-
-    Raises
-    ------
-    InputError
-        The plate vibration found none.
-    """
-    mass = float(found["mass"])
-    if not np.isfinite(mass):
-        raise InputError(
-            "the plate vibration found no modal mass; name its sphere (radius and mass) and drops of a "
-            "material of a DMA experiment or of the library, or give plate = {mass, frequency, damping_ratio} here"
-        )
-    return Quantity(mass, float(found["u_mass"]), "kg")

@@ -16,11 +16,11 @@ import xarray as xr
 from labpipe import contact, materials
 from labpipe.arrays import Floats
 from labpipe.report import quantity, value_with_uncertainty
-from labpipe.uncertainty import Source, budget_rows
+from labpipe.uncertainty import Row, Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.counter_body import OF_PLATE, counter_body_of, modulus_of, plate_inputs, resolve_plate
-from pipelines.experiments.shared.material_choice import IMPACT_TIMES, Variation, resolve, variations
+from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.settings import Sphere
@@ -65,17 +65,14 @@ def simulated_drop(
     (:mod:`pipelines.experiments.shared.model_inputs`); and as JSON ``plate``, ``linear_range`` and the ``budget``
     of the variable ``of_budget`` at the first impact.
     """
-    sphere, chosen = settings.sphere, settings.model
-    solid, gravity = resolve(sphere, material_file, fitted), chosen.gravity.value
-    under, floor = resolve_plate(settings.plate, plate), plate_inputs(settings.plate, plate)
-    flat = counter_body_of(settings.counter_body)
-    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
-    inputs |= {f"{OF_PLATE}{name}": given for name, given in floor.items()}
+    sphere, chosen, gravity = settings.sphere, settings.model, settings.model.gravity.value
+    solid, under = resolve(sphere, material_file, fitted), resolve_plate(settings.plate, plate)
+    flat, height = counter_body_of(settings.counter_body), settings.height.value
     made = contact.drop(
         solid,
         sphere.radius.value,
         sphere.mass.value,
-        settings.height.value,
+        height,
         duration,
         chosen.solver,
         chosen.profile,
@@ -86,69 +83,68 @@ def simulated_drop(
         substrate=flat,
         full=full,
     )
-    count = min(made.sizes["impact"], followed)
-    # of each input another value, one without an uncertainty too, as it may be stated wrongly as well
-    steps = {name: max(given.u, _LEAST_CHANGE * given.value) for name, given in inputs.items()}
-    solids, flats = dict.fromkeys(inputs, solid), list[Any]([flat, *(flat for _ in inputs)])
-    changes = variations(sphere, material_file, fitted, IMPACT_TIMES)
-    changes |= {name: Variation(E, E.value, solid) for name, E in modulus_of(settings.counter_body).items()}
-    changes["modulus"] = Variation(Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER))
-    for name, (_, steps[name], solids[name]) in changes.items():
-        # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
-        flats.append(None if name in modulus_of(settings.counter_body) else flat)
-    given = inputs | {name: change.given for name, change in changes.items()}
-    found = {name: np.zeros((1 + len(given), 0)) for name in _UNCERTAIN}
+    changes = dict[str, tuple[Quantity, float, Any]]()  # of each input: the input, its step, and what it makes of it
+    floor = plate_inputs(settings.plate, plate)
+    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    for name, one in (inputs | {f"{OF_PLATE}{name}": one for name, one in floor.items()}).items():
+        by = max(one.u, _LEAST_CHANGE * one.value)  # one without an uncertainty may be stated wrongly as well
+        part = name.removeprefix(OF_PLATE)
+        changes[name] = one, by, replace(under, **{part: one.value + by}) if under and part != name else one.value + by
+    solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
+    # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
+    flats = {name: (one, one.value, None) for name, one in modulus_of(settings.counter_body).items()}
+    stiffer = Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)
+    changes |= solids | flats | {"modulus": stiffer}
+
+    def moved(best: Any, *names: str) -> list[Any]:
+        return [best, *(other if name in names else best for name, (_, _, other) in changes.items())]
+
+    count, found = min(made.sizes["impact"], followed), dict.fromkeys(_UNCERTAIN, np.zeros((1 + len(changes), 0)))
     if count:
-        stated = {name: one.value for name, one in inputs.items()}
-        values = [stated, *(stated | {n: stated[n] + steps[n]} if n in inputs else stated for n in given)]
-        moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
         train = contact.impacts(
-            [solid, *solids.values()],
-            [one["radius"] for one in values],
-            [one["mass"] for one in values],
-            [one["height"] for one in values],
+            moved(solid, *solids, "modulus"),
+            moved(sphere.radius.value, "radius"),
+            moved(sphere.mass.value, "mass"),
+            moved(height, "height"),
             duration,
             count,
             chosen.profile,
             max(chosen.rtol, _COARSE),
             gravity=gravity,
-            plate=[None if under is None else replace(under, **one) for one in moved],
-            substrate=flats,
+            plate=moved(under, *(f"{OF_PLATE}{name}" for name in floor)),
+            substrate=moved(flat, *flats),
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
-    made = _with_slopes(made, given, steps, found, of_budget)
+    made, budget = _with_slopes(made, changes, found, of_budget)
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
-    limits = linear_range(made, sphere, settings.height.value, material_file, fitted)
-    known = {"linear_range": limits, "plate": None if under is None else asdict(under), "work": work}
+    known = {
+        "linear_range": linear_range(made, sphere, height, material_file, fitted),
+        "plate": None if under is None else asdict(under),
+        "work": work,
+        "budget": budget,
+    }
     return made.assign_attrs({name: json.dumps(value) for name, value in known.items()})
 
 
 def _with_slopes(
-    made: xr.Dataset,
-    given: Mapping[str, Quantity],
-    steps: Mapping[str, float],
-    found: Mapping[str, Floats],
-    of_budget: str,
-) -> xr.Dataset:
-    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts."""
-    count, u = made.sizes["impact"], np.array([one.u for one in given.values()])[:, None]
-    by = np.array([steps[name] for name in given])[:, None]
-    slopes = {name: (values[1:] - values[0]) / by for name, values in found.items()}
-    made = made.merge(table_of(given))
-    for name, slope in slopes.items():
-        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(given)}: {name}"
-        whole = np.sqrt(np.sum(np.square(np.nan_to_num(slope) * u), axis=0))
-        made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
+    made: xr.Dataset, changes: Mapping[str, tuple[Quantity, float, Any]], found: Mapping[str, Floats], of_budget: str
+) -> tuple[xr.Dataset, list[Row]]:
+    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts; return a budget too."""
+    given, n = {name: one for name, (one, _, _) in changes.items()}, made.sizes["impact"]
+    u, by = (np.array(of)[:, None] for of in zip(*((one.u, step) for one, step, _ in changes.values()), strict=True))
+    made, sources = made.merge(table_of(given)), []
+    for name, values in found.items():
+        slope, units = (values[1:] - values[0]) / by, made[name].attrs["units"]
+        whole, text = np.linalg.norm(np.nan_to_num(slope) * u, axis=0), f"standard uncertainty from {', '.join(given)}"
+        made[f"u_{name}"] = variable("impact", padded(whole, n), units, f"{text}: {name}")
         text = f"change per SI unit of input: {name}"
-        made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, count).T, units, text)
-    sources = [
-        Source.of(name, one, float(np.nan_to_num(slope[0])))
-        for (name, one), slope in zip(given.items(), slopes[of_budget], strict=True)
-        if count and one.u > 0.0
-    ]
-    return made.assign_attrs(budget=json.dumps(budget_rows(sources)))
+        made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, n).T, units, text)
+        if name == of_budget and n:
+            first = zip(given.items(), np.nan_to_num(slope[:, 0]).tolist(), strict=True)
+            sources = [Source.of(of, one, change) for (of, one), change in first if one.u > 0.0]
+    return made, budget_rows(sources)
 
 
 def slopes_of(made: xr.Dataset, name: str, impact: int) -> dict[str, float]:
@@ -167,10 +163,10 @@ def linear_range(
 ) -> dict[str, Any]:
     """Return pressure and strain of the first impact of a simulated drop, and up to where linearity is known.
 
-    ``strain`` and, of the rheometer's sweeps, ``sweeps`` (None where their files state none); ``pressure`` [Pa], that
-    of Hertz for the largest force and radius. Where the yield stress of the material is known, at the mean strain rate
-    of the contact, ``rate`` [1/s]: ``onset``, ``u_onset`` [Pa], ``beyond``, the number of impacts whose pressure
-    exceeds it, and ``fall`` [m], from which the first one does (the pressure goes with the fifth root of the height).
+    ``strain``; of the rheometer's ``sweeps``, None where their files state none; ``pressure`` [Pa], that of Hertz for
+    the largest force and radius. Where the yield stress of the material is known, at the mean strain ``rate`` [1/s] of
+    the contact: ``onset``, ``u_onset`` [Pa], ``beyond``, the number of impacts whose pressure exceeds it, and ``fall``
+    [m], from which the first one does (the pressure goes with the fifth root of the height).
     """
     if not made.sizes["impact"]:
         return {}
@@ -196,17 +192,14 @@ def linear_range_rows(model: xr.Dataset) -> list[tuple[str, str, str]]:
     remark = "no yield stress of this material is known"
     if "onset" in known:
         limit, fall = value_with_uncertainty(known["onset"], known["u_onset"], "Pa"), quantity(known["fall"], "m", 2)
+        likely = "probably " * (abs(known["pressure"] - known["onset"]) < 2.0 * known["u_onset"])
+        which = "the first impact" if known["beyond"] == 1 else f"the first {known['beyond']} impacts"
+        ends = f"ends in {which}, and the model leaves out the losses by yield" if known["beyond"] else "holds"
         remark = f"{known['material']} begins to yield at 1.6 Y = {limit} (at {known['rate']:.2g} 1/s), from a fall of "
-        remark += f"some {fall} on: "
-        likely = "probably " if abs(known["pressure"] - known["onset"]) < 2.0 * known["u_onset"] else ""
-        if count := known["beyond"]:
-            which = "the first impact" if count == 1 else f"the first {count} impacts"
-            remark += f"linear viscoelasticity {likely}ends in {which}, and the model leaves out the losses by yield"
-        else:
-            remark += f"linear viscoelasticity {likely}holds"
+        remark += f"some {fall} on: linear viscoelasticity {likely}{ends}"
     of_sweeps = "the strain of the sweeps is not known"
     if (sweeps := known["sweeps"]) is not None:
-        beyond = "; that the moduli are linear beyond is assumed" if sweeps < known["strain"] else ""
+        beyond = "; that the moduli are linear beyond is assumed" * (sweeps < known["strain"])
         of_sweeps = f"the sweeps went up to {100.0 * sweeps:.2g} %{beyond}"
     pressure, strain = quantity(known["pressure"], "Pa", 3), f"{100.0 * known['strain']:.2g} %"
     return [("largest pressure", pressure, remark), ("mean strain, 0.2 a/R", strain, of_sweeps)]

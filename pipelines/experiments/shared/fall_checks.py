@@ -14,11 +14,18 @@ import xarray as xr
 from scipy import special
 
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made, stated
-from labpipe.report import quantity, value_with_uncertainty
+from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from pipelines.experiments.shared.exact_values import usual_uncertainty
+from pipelines.experiments.shared.judgements import Title, Titles
 
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
+_DIRECTION, _RESTITUTION = "direction of the fall", "coefficients of restitution"
+OF_FALL: Titles = {
+    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, _DIRECTION)),
+    "order of the bounces": Title("0 < e < 1: every rebound is lower than the one before.", (_RESTITUTION,)),
+}
+"""Checks of every fall."""
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
 _MOVED = "the body was touched or lifted, or another drop follows in the record"
 BY_NAME, MEASURED = 0.25, 0.1
@@ -57,11 +64,6 @@ class Fall:
         return float(values[impact]), float(u[impact])
 
 
-def shown(value: float, u: float, unit: str) -> str:
-    """Write a value with its uncertainty."""
-    return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
-
-
 def acceleration(fall: Fall, gravity: Quantity) -> Check:
     """Compare the curvature of all flights with g."""
     if "fall_acceleration" not in fall.bounces:
@@ -84,28 +86,26 @@ def height(fall: Fall, given: Quantity) -> Check:
 
 def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> Check:
     """Compare the direction in which a displacement counts with that of the fall."""
-    name = "direction of the fall"
     if int(fall.bounces.attrs["direction"]) == 1:
-        return stated(name, f"{fall.name}: the body falls downwards", None, file=fall.name)
+        return stated(_DIRECTION, f"{fall.name}: the body falls downwards", None, file=fall.name)
     text = f"{fall.name}: the body falls upwards and is thrown down by the impacts"
-    return stated(name, text, "impossible", cause=cause, file=file, setting=setting)
+    return stated(_DIRECTION, text, "impossible", cause=cause, file=file, setting=setting)
 
 
 def restitution(fall: Fall) -> Check:
     """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
-    name, values, u = "coefficients of restitution", fall.values("restitution"), fall.values("u_restitution")
-    into = fall.values("incoming_speed")
+    values, u, into = (fall.values(name) for name in ("restitution", "u_restitution", "incoming_speed"))
     returned = np.nan_to_num(_SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
     held = np.where(values > 1.0, np.maximum(values - returned, np.minimum(values, 1.0)), values)
     known = np.isfinite(values) & np.isfinite(u) & (u > 0)
     if not known.any():
-        return not_made(name, "a bounce")
+        return not_made(_RESTITUTION, "a bounce")
     beyond = np.where(known, (np.abs(held - 0.5) - 0.5) / np.where(u > 0, u, 1.0), -np.inf)
     worst = int(np.argmax(beyond))
     text = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
-    found = bounded(name, text, float(held[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
-    is_backwards = beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5
-    return replace(found, cause=BACKWARDS if is_backwards else _MOVED)
+    cause = BACKWARDS if beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5 else _MOVED
+    place: dict[str, Any] = {"at_least": 0.0, "at_most": 1.0, "file": fall.name, "cause": cause}
+    return bounded(_RESTITUTION, text, float(held[worst]), float(u[worst]), **place)
 
 
 def rest_level(fall: Fall) -> Check:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import combinations
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,6 +18,7 @@ from labpipe.judging import SLIPS, Cause, Check, Level, in_words, not_made, stat
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.judgements import failed_steps
 
 CAUSES = {
     EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
@@ -24,7 +26,6 @@ CAUSES = {
 """Fault of a film, by the reason of the error that it ends in."""
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _LONGER = 1.5  # of the usual interval between frames, from which some are missing, and of neighbouring ones
-_AROUND = 8  # frames read on either side of a contact
 _EVERY = 4  # rows and columns of which one is read for the light
 _SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
@@ -38,35 +39,32 @@ _TRIED = 40  # frames that stand out most; all their pairs are tried
 _BESIDE = np.arange(-2, 3)
 
 
-def whole_film(context: Context, film: str) -> Check:
-    """Report the warning of the reader of a film about frames that its file lacks, or that are damaged."""
+def of_film(
+    context: Context, settings: Any, found: xr.Dataset | None, causes: Mapping[str, str], mends: Mapping[str, str]
+) -> tuple[Check, list[Check]]:
+    """Return whether a film is whole, and its steps that failed and the grey levels of its frames as checks.
+
+    ``found`` is what was measured in its frames; ``causes`` and ``mends`` are those of failed steps.
+    """
+    film = settings.film
     warned = (w.text for w in context.warnings if w.category == IncompleteFilmWarning.__name__)
     text = next(warned, "").removeprefix(f"{Path(film).name}: ")
     level: Level | None = "note" if text else None
     message = f"{film}: {text or 'no frame is missing in the file'}"
-    return stated("whole film", message, level, cause=_NOT_WHOLE, file=film)
-
-
-def explained(failed: Check, whole: Check) -> Check:
-    """Give a step that failed on a film that is not whole that cause, where nothing better is known."""
-    is_known = failed.setting or failed.cause in CAUSES.values()
-    is_of_film = whole.level and failed.level == "impossible" and not is_known
-    return replace(failed, cause=whole.cause) if is_of_film else failed
-
-
-def about_contacts(is_seen: Flags) -> Integers:
-    """Return the frames that show a contact, and their neighbours."""
-    return np.flatnonzero(np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0)
+    whole = stated("whole film", message, level, cause=_NOT_WHOLE, file=film)
+    checks = []
+    for failed in failed_steps(context, {**CAUSES, **causes}, mends):
+        # what fails on a film that is not whole has that cause, where nothing better is known
+        is_known = failed.setting or failed.cause in CAUSES.values() or failed.level != "impossible"
+        checks.append(failed if is_known or not text else replace(failed, cause=_NOT_WHOLE))
+    return whole, checks if found is None else [*checks, whole, exposed(found, film)]
 
 
 def repeated(film: FrameSource, is_seen: Flags) -> list[int]:
-    """Find the frames about a contact whose every pixel is that of the frame before.
-
-    ``is_seen`` (frame,) are those that show a contact and were measured.
-    """
+    """Find the frames whose every pixel is that of the frame before, among those that show a contact, ``is_seen``."""
     before: np.ndarray = np.empty(0)
     found, last = [], -1
-    for i in (int(i) for i in about_contacts(is_seen) if film.valid[i]):
+    for i in map(int, np.flatnonzero(is_seen & film.valid)):
         image = film[i]
         if last == i - 1 and np.array_equal(image, before):
             found.append(i)
@@ -107,15 +105,12 @@ def frame_times(film: str, frame: Integers, time: Floats, is_within: Flags) -> C
     return stated(name, text, "doubtful", cause=cause, file=film)
 
 
-def in_order(
-    film: str, frames: Integers, y: Floats, noise: float = 0.0, time: Floats | None = None, missed: Flags | None = None
-) -> Check:
-    """Look for two frames that were exchanged; frames without a value are left out."""
-    name, known = "order of the frames", np.flatnonzero(np.isfinite(y))
-    found = exchanged(y[known], noise, None if time is None else time[known], None if missed is None else missed[known])
+def in_order(film: str, frames: Integers, y: Floats, **options: Any) -> Check:
+    """Look for two frames that were exchanged; ``options`` are those of :func:`exchanged`."""
+    name, found = "order of the frames", exchanged(y, **options)
     if found is None:
         return stated(name, f"{film}: no frames are exchanged", None, file=film)
-    first, second = (int(frames[known[k]]) for k in found)
+    first, second = (int(frames[place]) for place in found)
     text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
     return stated(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
 
@@ -127,30 +122,31 @@ def exchanged(
 
     A body moves smoothly but at impacts, where no exchange makes the motion smoother.
 
-    ``y`` (frame,) is measured in each frame, all numbers, with the standard uncertainty ``noise`` where that exceeds
-    their scatter. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
+    ``y`` (frame,) is measured in each frame, NaN in those to be left out, with the standard uncertainty ``noise`` where
+    that exceeds their scatter. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
     frames. ``missed`` (frame,) are frames in which something may have been overlooked: next to another that is no
     exchange. Returns the places of the two, the earlier first, or None.
     """
-    if not y.size:
+    known = np.flatnonzero(np.isfinite(y))
+    if not known.size:
         return None
-    bends = _bends(y, np.arange(y.size))
+    y, bends = y[known], _bends(y[known], np.arange(known.size))
     out = bends > _IN_NOISE * max(noise, 1.4826 * float(np.median(bends)))
-    if time is not None and time.size > 4:  # the two steps on either side of a frame are as long as each other
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(np.diff(time), 2, mode="edge"), 4)
+    if time is not None and known.size > 4:  # the two steps on either side of a frame are as long as each other
+        steps = np.pad(np.diff(time[known]), 2, mode="edge")
+        around = np.lib.stride_tricks.sliding_window_view(steps, 4)
         out &= around.max(axis=1) < _LONGER * np.abs(around).min(axis=1)
-    places = np.flatnonzero(out)
-    places = np.sort(places[np.argsort(bends[places])[-_TRIED:]])
     best, found = _LEFT, None
-    for i, j in combinations(places.tolist(), 2):
-        if j == i + 1 and missed is not None and missed[i : j + 1].any():
+    likely = np.flatnonzero(out)
+    for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-_TRIED:]].tolist()), 2):
+        if j == i + 1 and missed is not None and missed[known[i : j + 1]].any():
             continue
         near = np.unique(np.clip(np.concatenate([i + _BESIDE, j + _BESIDE]), 0, y.size - 1))
         back = y.copy()
         back[[i, j]] = y[[j, i]]
         left = float(_bends(back, near).sum() / _bends(y, near).sum())
         if left < best:
-            best, found = left, (i, j)
+            best, found = left, (int(known[i]), int(known[j]))
     return found
 
 

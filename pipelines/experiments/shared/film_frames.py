@@ -1,5 +1,6 @@
 """Films in experiments: opening, recording date, key frames."""
 
+import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import UTC, datetime
@@ -20,6 +21,8 @@ from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.exclusions import excluded, without_frames
 
+Drawn = tuple[NDArray[np.uint8], str, str, float | None]
+"""A picture (BGR) of a frame, its description, its caption and its place on a chart."""
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _MOST_FRAMES = 60  # of a strip: a second and a half at forty a second, and few enough to step through
 _STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
@@ -90,7 +93,7 @@ def recorded_on(film: object) -> str:
     return "" if seconds < _FIRST_DAY else str(datetime.fromtimestamp(seconds, UTC).date())
 
 
-def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
+def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
     """Copy a few frames for the page, reduced to 8 bit and to its width.
 
     Returns
@@ -100,7 +103,7 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
         the scalar ``reduction``, px of the film per px of the image. Attribute ``header``: the
         entries of the film's header, one line each.
     """
-    sound = [i for i in chosen if film.valid[i]]
+    sound = [int(i) for i in chosen if film.valid[i]]
     if not sound:
         raise InputError("all frames selected for display are damaged in the film")
     low, high = film.levels
@@ -117,7 +120,10 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
             "key_time": variable("key", film.time[sound], "s", "time in the film"),
             "reduction": variable((), columns / size[0], "1", "px of the film per px of the image"),
         },
-        attrs={"header": "\n".join(_header_lines(getattr(film, "header", None)))},
+        attrs={
+            "header": "\n".join(_header_lines(getattr(film, "header", None))),
+            "work": json.dumps({"key_frames": len(sound)}),
+        },
     )
 
 
@@ -129,12 +135,10 @@ def thinned(wanted: Iterable[int], keys: Collection[int]) -> list[int]:
     return sorted({*evenly.tolist(), *keys})
 
 
-def strip(
-    title: str, drawn: Sequence[tuple[NDArray[np.uint8], str, str, float | None]], *, start: int = 0, **more: str
-) -> Gallery:
+def strip(title: str, drawn: Sequence[Drawn], *, start: int = 0, **more: str) -> Gallery:
     """Make frames a strip to step through, as JPEG in the best quality in which they fit a page; else fewer of them.
 
-    ``drawn``: picture (BGR), description, caption and place of each; ``start``: the one that is shown first.
+    ``start`` is the frame that is shown first.
     """
     for quality in _QUALITIES:
         frames = [Picture(jpeg(image, quality), alt, caption, at) for image, alt, caption, at in drawn]
@@ -189,13 +193,12 @@ class DrawnFilm:
     """A film to watch, and the results of its frames.
 
     ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one as :func:`key_frames` copies it, and
-    its place among these, and returns picture (BGR), description, caption and place on a chart. ``jumps`` are frames
-    worth seeing, by name.
+    its place among these. ``jumps`` are frames worth seeing, by name.
     """
 
     source: FrameSource
     frame: NDArray[np.integer] = field(default_factory=lambda: np.empty(0, int))
-    drawn: Callable[[xr.Dataset, int], tuple[NDArray[np.uint8], str, str, float | None]] | None = None
+    drawn: Callable[[xr.Dataset, int], Drawn] | None = None
     jumps: Mapping[str, int] = field(default_factory=dict)
 
     def shown(self, index: int, is_drawn: bool = True) -> tuple[NDArray[np.uint8] | None, str]:

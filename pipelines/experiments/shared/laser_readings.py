@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 import calibration
@@ -31,27 +30,19 @@ def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
     """Leave out short runs of readings that leave a record and return to it; see :func:`labpipe.signals.outliers`."""
     made, runs = readings.copy(), {}
     for output in (str(name) for name in readings if str(name).startswith("out")):
-        state, values = output.replace("out", "status"), readings[output].values.astype(float)
-        if state in readings:
-            values = np.where(readings[state].values == 0, values, np.nan)
+        state = output.replace("out", "status")
+        values = readings[output].where(readings[state] == 0 if state in readings else True).values.astype(float)
         flags, found = left_out(values, readings["time"].values, ends=ends)
         if found:
             runs[output] = found
-            made[output] = readings[output].copy(data=np.where(flags, np.nan, readings[output].values))
+            made[output] = readings[output].where(~flags)
         if found and state in readings:
-            codes = readings[state]
-            made[state] = codes.copy(data=np.where(flags, OUTLIER, codes.values).astype(codes.dtype))
+            made[state] = readings[state].where(~flags, OUTLIER).astype(readings[state].dtype)
     return made.assign_attrs(outliers=json.dumps(runs)) if runs else readings
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:
-    """Read one export of a laser sensor, with the statements of the session.
-
-    Raises
-    ------
-    InputError
-        The file holds a film.
-    """
+    """Read one export of a laser sensor, with the statements of the session."""
     try:
         return instruments.read_table(
             path,

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass
-from decimal import Decimal
 from math import nan
 from typing import Any
 
@@ -50,15 +49,12 @@ class Part:
         """File and line of a check of this block."""
         return {"file": self.file, "line": self.header_line}
 
-    def declared(self, name: str) -> tuple[float, float, int | None]:
-        """Return a declared value other than 0 [SI] with the uncertainty of its rounding, and its line."""
+    def declared(self, name: str) -> tuple[float, int | None]:
+        """Return a declared value other than 0 [SI], and its line."""
         for place, parameter in enumerate(self.header["parameters"]):
             if parameter["key"].partition(",")[0] == name and parameter["value"]:
-                written = Decimal(str(parameter["text"]).replace(",", "."))
-                value, rounding = float(parameter["value"]), 10.0 ** int(written.as_tuple().exponent) / 12**0.5
-                line = self.line + len(self.header["info_lines"]) + 3 + place
-                return value, abs(value / float(written)) * rounding, line
-        return nan, nan, None
+                return float(parameter["value"]), self.line + len(self.header["info_lines"]) + 3 + place
+        return nan, None
 
     @property
     def direction(self) -> float:

@@ -7,8 +7,8 @@ cell's capacity, its sign against the motion, its size against that of the model
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan
@@ -21,10 +21,14 @@ from scipy.stats import linregress
 from labpipe.contact.line import westergaard
 from labpipe.judging import Cause, Check, Level, bounded, compared, in_words, judge, not_made, stated, too_large
 from labpipe.report import quantity
+from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, mach1_readings
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Title
 from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
+from pipelines.experiments.shared.punch_model import TOUCH
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
 from pipelines.experiments.shared.record_checks import longest_run, placed
 
@@ -32,13 +36,13 @@ _AMPLITUDE, _FREQUENCY = "amplitude of the oscillation", "frequency of the oscil
 _TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
 _CAPACITY, _SCALE, _DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
 _SATURATION, _RATIO, _RESPONSE = "saturation of the cell", "force for the named material", "response of the cell"
-_DIRECTION, _SWAPPED, ALIGNMENT = "direction of the motion", "order of the columns", "lateral force"
-_OUTLIERS, _PUNCH = "outliers", "size of the punch"
+_SWAPPED, ALIGNMENT = "order of the columns", "lateral force"
+_OUTLIERS, _LOST, _PUNCH = "outliers", "lost rows", "size of the punch"
 
 TITLES = {
     "columns": Title(
         "Position and force stand in their columns, with the stage's direction and the cell's sign.",
-        (_SWAPPED, _DIRECTION, _RESPONSE),
+        (_SWAPPED, _RESPONSE),
     ),
     "commands": Title(
         "The motion has the amplitude, frequency, travel and speed of its command.",
@@ -51,11 +55,16 @@ TITLES = {
     "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
     "punch": Title("The stated punch can be pressed in so far.", (_PUNCH,)),
     "contact modulus": Title("The force is that of the model for the named material.", (_RATIO,)),
-    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS,)),
+    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS, _LOST)),
 }
-OF_LOADS = "the file, or the record of its load cell, does not belong to this test"
-NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
-"""Most likely faults where the force, and where a model could not be made."""
+_NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
+_FAILED = {
+    "loads": "the file, or the record of its load cell, does not belong to this test",
+    "oscillations": "the file does not hold the oscillations that it declares",
+    "ramps": "the stage was not moved and held, or its column is wrong",
+    **dict.fromkeys(("curves", "model", "theory"), _NO_TOUCH),
+}
+"""Most likely faults by the step that failed."""
 
 _COMMANDS = {
     _AMPLITUDE: (OSCILLATION, "Amplitude", "m", 0.3),
@@ -69,6 +78,7 @@ _TIMES, _LENGTHS = {"s": 1.0, "ms": 1e-3}, {"mm": 1e-3, "µm": 1e-6}
 """Units in which a column may be, whatever its header says, in SI."""
 _CELLS = {"kg": "kgf", "g": "gf"}  # spellings of units in the names of load cells
 _FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
+_LEAST_TRAVEL = 1e-6  # m, by which a stage must move to have a direction
 _LATERAL = 0.1  # of the normal force: a tilt of 6 degrees, by which the normal force errs by 0.5 %
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
@@ -82,44 +92,43 @@ _MANY = 0.01  # of the readings of a block, left out as outliers
 _LARGEST_PUNCH = 0.5  # m, either way
 
 
-@dataclass(frozen=True)
-class Tested:
-    """One recording of an indentation, as far as its steps gave a result.
+def scene(
+    files: Sequence[str],
+    steps: Sequence[Sequence[xr.Dataset | None]],
+    inputs: Mapping[str, Quantity],
+    rows: Callable[..., Iterable[Row]],
+    given: Given,
+    settings: Indentation,
+    context: Context,
+) -> judgements.Scene:
+    """Check the recordings of an experiment, its cell and its punch, and compare ``rows`` of known ``inputs``.
 
-    ``depth`` is the largest one [m], ``force`` and ``expected`` are the force of one state and that of the model for
-    the named material [N]; NaN where there is none.
+    ``steps`` are readings, loads, the result that holds first touch, and the comparison, of each file or None. A
+    mistake in one file does not show in the others, so that each has causes of its own.
     """
-
-    name: str
-    readings: xr.Dataset | None
-    loads: xr.Dataset | None
-    depth: float = nan
-    force: float = nan
-    expected: float = nan
-
-
-def of_tests(
-    tests: Sequence[Tested], settings: Indentation, context: Context, reasons: Mapping[str, str]
-) -> list[Check]:
-    """Check the recordings of an experiment, its cell and its punch; `reasons` are as for :func:`.failed_steps`.
-
-    A mistake in one file does not show in the others, so that each has causes of its own.
-    """
-    cell = next((test.loads for test in tests if test.loads is not None), None)
+    cell = next((loads for loads in steps[1] if loads is not None), None)
     of_cell = [] if cell is None else list(_of_cell(settings.load_cell, cell))
-    checks, depths = list[Check](), [nan]
-    for test in tests:
-        if test.readings is None:
+    is_scaled = not any(check.name == _SCALE and check.level for check in of_cell)
+    checks, deepest = list[Check](), 0.0
+    for name, readings, loads, touched, model in zip(files, *steps, strict=True):
+        if readings is None:
             checks.append(not_made(_SWAPPED, "a file that can be read"))
             continue
-        found = of_file(test.name, test.readings)
-        if not any(check.name in (_SWAPPED, _DIRECTION, _TRAVEL) and check.level for check in found):
-            found.append(_of_force(test))  # the depth of the punch is known
-            depths.append(test.depth)
-        checks += judge(found, list(_causes(test.name, test.readings, settings, [*found, *of_cell]))).checks
-    checks += _of_punch(settings, float(np.nanmax(depths)) if np.isfinite(depths).any() else nan)
-    files = (*(test.name for test in tests), settings.load_cell.record)
-    return [*checks, *of_cell, *(placed(failed, *files) for failed in judgements.failed_steps(context, reasons))]
+        found = of_file(name, readings)
+        if loads is not None and not any(c.name in (_SWAPPED, _RESPONSE, _TRAVEL) and c.level for c in found):
+            position = loads["position_z"].values  # and so the depth of the punch is known
+            depth = nan if touched is None else float(np.nanmax(position) - touched["contact_position"])
+            deepest = max(deepest, 0.0 if np.isnan(depth) else depth)
+            found += [_of_force(name, loads, model, int(np.nanargmax(position)))] if is_scaled else []
+        checks += judge(found, list(_causes(name, readings, settings, found))).checks
+    checks += _of_punch(settings, deepest)
+    failed = judgements.failed_steps(context, _FAILED)
+    checks += [*of_cell, *(placed(check, *files, settings.load_cell.record) for check in failed)]
+    gain = Quantity(1.0, 0.0 if cell is None else mach1_readings.relative_gain(cell), "1")
+    known = {FORCE_SCALE: gain, STIFFNESS: Quantity(1.0, 0.0, "1"), **inputs}
+    shared = {TOUCH: known.pop(TOUCH)} if TOUCH in known else {}
+    source = judgements.measured_by(settings.substrate)
+    return judgements.Scene(checks, (), given.each([rows]), known, shared, given.get("basis"), measured_by=source)
 
 
 def of_file(name: str, readings: xr.Dataset) -> list[Check]:
@@ -130,9 +139,15 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     order = _order_of_columns(blocks)
     if order.level is not None:
         return [order]
-    direction = _direction_of_motion(blocks)
-    found = [order, direction, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks, direction.cause)]
-    return [*found, *_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks), _left_out(blocks)]
+    found = [order, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks)]
+    return [
+        *found,
+        *_alignment(blocks),
+        _saturation(blocks),
+        _capacity_of_cell(blocks),
+        _left_out(blocks),
+        _lost(blocks),
+    ]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:
@@ -163,7 +178,7 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
     for title, (function, key, unit, missed) in _COMMANDS.items():
         found = []
         for part in (part for part in blocks if part.function == function):
-            wanted, rounding, line = part.declared(key)
+            wanted, line = part.declared(key)
             value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), 1e-7)
             if title == _SPEED:
                 value, u = part.speed, 0.02 * part.speed
@@ -173,7 +188,7 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
                 text += "" if ratio == "1" else f" ({ratio} times)"
                 place: dict[str, Any] = {"allowance": missed * wanted, "file": part.file, "line": line}
                 u = max(u, 2e-3 * min(value, wanted))
-                found.append(compared(title, text, value, u, wanted, rounding, **place))
+                found.append(compared(title, text, value, u, wanted, 0.0, **place))
         if found:
             worst = max(found, key=lambda c: abs(c.margin) if c.level else -1.0)
             yield replace(worst, line=None) if sum(c.level is not None for c in found) > 1 else worst
@@ -197,20 +212,8 @@ def _clock_of_blocks(blocks: Sequence[Part]) -> Check:
     return replace(check, log_ratio=log(lasts / gap), u_log_ratio=_U_CLOCK)
 
 
-def _direction_of_motion(blocks: Sequence[Part]) -> Check:
-    for part in (part for part in blocks if part.function in (RELAXATION, FIND_CONTACT)):
-        travel = part.moved(part.position)
-        if abs(travel) >= 1e-6 and isfinite(part.direction):
-            is_back = travel * part.direction < 0.0
-            text = f"{part}: the stage moves by {quantity(travel, 'm')}"
-            text += ", against the declared direction" if is_back else ", as declared"
-            cause = f"the sign of the column of the position is wrong (line {part.header_line})"
-            return stated(_DIRECTION, text, "impossible" if is_back else None, cause=cause, **part.place)
-    return not_made(_DIRECTION, "a ramp or an approach with a declared direction")
-
-
-def _response(blocks: Sequence[Part], backwards: str) -> Check:
-    """Compare force and motion; ``backwards`` is the cause of a stage that moves against its declared direction."""
+def _response(blocks: Sequence[Part]) -> Check:
+    """Compare the changes of force and position, and the motion with its declared direction."""
     pressed = (part for part in blocks if part.function in (OSCILLATION, RELAXATION))
     known = [(part, *part.stiffness) for part in pressed if isfinite(part.stiffness[0])]
     if not known:
@@ -223,12 +226,18 @@ def _response(blocks: Sequence[Part], backwards: str) -> Check:
         cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
         text += "and does not follow while the stage moves"
         return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
+    moves = [one for one in blocks if one.function in (RELAXATION, FIND_CONTACT) and isfinite(one.direction)]
+    is_back = any(one.moved(one.position) * one.direction < -_LEAST_TRAVEL for one in moves)
+    text = f"{part}: stiffness {quantity(k, 'N/m')}"
+    if is_back:
+        text += ", and the stage moves against its declared direction"
+        cause = f"the sign of the column of the position is wrong (line {part.header_line})"
+        return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
     place = next((i for i, line in enumerate(part.header["info_lines"]) if line.startswith("Load Cell Type")), 0)
-    cause = backwards or (
+    cause = (
         f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
         f"(line {part.line + 1 + place}), which says the sign of compression"
     )
-    text = f"{part}: stiffness {quantity(k, 'N/m')}"
     return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
 
 
@@ -292,6 +301,23 @@ def _left_out(blocks: Sequence[Part]) -> Check:
     return stated(_OUTLIERS, text, level, cause=cause, file=part.file, line=line)
 
 
+def _lost(blocks: Sequence[Part]) -> Check:
+    """Look for a step of the position in an oscillation that no speed of the stage explains."""
+    found = []
+    for part in (part for part in blocks if part.function == OSCILLATION):
+        steps = np.abs(np.diff(part.position))
+        at, usual = int(np.nanargmax(steps)), float(np.nanquantile(steps, 0.99))
+        found.append((float(steps[at]) / usual if usual > 0.0 else 1.0, part, at))
+    if not found:
+        return not_made(_LOST, "an oscillation")
+    times, part, at = max(found, key=lambda one: one[0])
+    text = f"{part}: the largest step of the position is {in_words(times, 2)} times the usual, in line "
+    text += f"{part.row_line(at + 1)}"
+    cause = "rows were lost there when the file was written or copied, and the times of the others renewed"
+    level: Level | None = "doubtful" if times > 2.0 else None
+    return stated(_LOST, text, level, cause=cause, file=part.file, line=part.row_line(at + 1) if level else None)
+
+
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     """Check the record of the load cell: its scale, and the delay of its filter."""
     gain, record = float(loads["gain"]), load_cell.record or ""
@@ -318,13 +344,16 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
 
 
-def _of_force(test: Tested) -> Check:
-    """Compare a force with that of the model for the named material, which is doubtful outside a plausible range."""
-    if not (isfinite(test.expected) and test.expected > 0.0 and test.force > 0.0):
+def _of_force(name: str, loads: xr.Dataset, model: xr.Dataset | None, at: int) -> Check:
+    """Compare the force at a sample with that of the model for the named material."""
+    if not loads.attrs["is_tared"] or model is None or "simulated_force" not in model:
         return not_made(_RATIO, "a model")
-    ratio, seen, expected = log(test.force / test.expected), quantity(test.force, "N"), quantity(test.expected, "N")
-    text = f"{test.name}: {seen} measured, {expected} expected of the named material"
-    check = bounded(_RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=test.name)
+    force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
+    if not (force > 0.0 and expected > 0.0):
+        return not_made(_RATIO, "forces above 0")
+    ratio = log(force / expected)
+    text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
+    check = bounded(_RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=name)
     return replace(check, log_ratio=ratio, u_log_ratio=_U_MATERIAL)
 
 
@@ -335,14 +364,11 @@ def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:
         yield not_made(_PUNCH, "a punch")
         return
     radius, period, depth = (each.value for each in (punch.radius, punch.period, punch.depth))
-    for setting, name, value in (
-        ("punch.depth", "length of a tip", depth),
-        ("punch.radius", "radius of a tip", radius),
-        ("punch.tips", f"{punch.tips} tips together", punch.tips * period),
-    ):
-        level: Level | None = "impossible" if value > _LARGEST_PUNCH else None
-        cause = f"{setting} in session.toml is wrong: its unit, or its number"
-        yield stated(_PUNCH, f"{name}: {quantity(value, 'm')}", level, cause=cause, setting=setting)
+    sizes = {"punch.depth": depth, "punch.radius": radius, "punch.tips": punch.tips * period}
+    setting, largest = max(sizes.items(), key=lambda one: one[1])
+    level: Level | None = "impossible" if largest > _LARGEST_PUNCH else None
+    cause = f"{setting} in session.toml is wrong: its unit, or its number"
+    yield stated(_PUNCH, f"{setting}: {quantity(largest, 'm')} in all", level, cause=cause, setting=setting)
     if deepest > 0.0 and settings.model.profile != "cosine":
         text = f"at a depth of {quantity(deepest, 'm')} a tip of {quantity(radius, 'm')} meets the surface over "
         text += f"{quantity(2 * (2 * radius * deepest) ** 0.5, 'm')}; the period is {quantity(period, 'm')}"
@@ -356,7 +382,7 @@ def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequ
     blocks = parts(name, readings)
     if not blocks:
         return
-    line, record, punch = blocks[0].header_line, settings.load_cell.record, settings.punch
+    line, punch = blocks[0].header_line, settings.punch
     units = [str(readings[column].attrs["original_unit"]).replace("um", "µm") for column in ("position_z", "force_z")]
 
     def of_column(of: str, unit: str, units: Mapping[str, float]) -> Callable[[float], str]:
@@ -381,10 +407,6 @@ def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequ
     yield Cause(of_length, of_column("position", units[0], _LENGTHS), _FACTORS, **place)
     others = tuple(_FORCES[units[1]] / size for unit, size in _FORCES.items() if unit != units[1])
     yield Cause({_RATIO: 1.0}, of_column("force", units[1], _FORCES), others, only_usual=True, **place)
-    # a record that hardly changes what the tester shows is not where a factor of ten comes from
-    if record and any(check.name == _SCALE and check.level for check in checks):
-        say, place = f"the scale of the load cell in {record} is ", {"file": record, "setting": "values.scale"}
-        yield Cause({_RATIO: 1.0}, lambda k: say + too_large(k), (10.0, 100.0), only_usual=True, **place)
     other = "no slip of a unit explains it: another material, {} times as stiff, was pressed or is named"
     yield Cause({_RATIO: 1.0}, lambda k: other.format(in_words(k)), setting="substrate.material")
     if punch is not None:

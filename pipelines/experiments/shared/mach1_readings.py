@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 import calibration
@@ -16,7 +17,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
 from labpipe.signals import LONGEST_RUN
 from labpipe.units import Quantity
-from labpipe.variables import variable, with_u
+from labpipe.variables import with_u
 from pipelines.experiments.shared import mach1_touch
 from pipelines.experiments.shared.exclusions import EXCLUDED, left_out, without_readings
 from pipelines.experiments.shared.punch_settings import Indentation
@@ -26,7 +27,6 @@ _STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out 
 _APPROACH = "Find Contact"
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
 FINENESS = mach1_touch.FINENESS  # steps per sample, so that a digital filter behaves as the analogue one
-_SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
 
@@ -48,14 +48,7 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
         return without_outliers(found)
     name = str(getattr(settings, "function", "Stress Relaxation"))
     found.attrs["blocks"] = json.dumps([block | {"function": name} for block in json.loads(found.attrs["blocks"])])
-    found = found.assign(function=("block_index", [name]))
-    if name == "Sinusoid":  # that other testers do not state; the fit begins there
-        position, time = found["position_z"].values, found["time"].values
-        spectrum = np.abs(np.fft.rfft(position - position.mean()))
-        frequency = float(np.argmax(spectrum)) / (np.ptp(time) * position.size / (position.size - 1))
-        for of, value, unit in (("frequency", frequency, "Hz"), ("amplitude", 0.5 * float(np.ptp(position)), "m")):
-            found[f"declared_{of}"] = variable("block_index", [value], unit, f"{of} of the largest motion")
-    return without_outliers(found)
+    return without_outliers(found.assign(function=("block_index", [name])))
 
 
 def _runs(flags: Flags) -> list[Integers]:
@@ -93,16 +86,10 @@ def _columns(readings: xr.Dataset) -> list[str]:
 
 def bridged(values: Floats, time: Floats) -> Floats:
     """Fill readings that were left out with an Akima curve through those around, where an even sampling is needed."""
-    from scipy.interpolate import Akima1DInterpolator
-
     lost = ~np.isfinite(values)
     if not lost.any() or lost.sum() > values.size - 2 or not np.all(np.diff(time) > 0):
         return values
-    made = values.copy()
-    curve = Akima1DInterpolator(time[~lost], values[~lost], method="makima")
-    inside = np.clip(time[lost], time[~lost][0], time[~lost][-1])
-    made[lost] = curve(inside)
-    return made
+    return np.asarray(pd.Series(values, time).interpolate("akima").ffill().bfill(), float)
 
 
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Indentation) -> xr.Dataset:
@@ -171,14 +158,14 @@ def _measured_delay(loads: xr.Dataset) -> list[float] | None:
     return found
 
 
-def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None:
-    """Return gain and lag of the load cell's filter at a frequency; None without a filter.
+def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag:
+    """Return gain and lag of the load cell's filter at a frequency; without a filter they are 1 and 0.
 
     The uncertainty of a delay that the cell's record gives replaces that of the filter's type.
     """
     declared, measured = declared_filter(loads), _measured_delay(loads)
     if declared is None:
-        return None
+        return load_cell.FilterLag(1.0, 0.0, 0.0, 0.0, 0.0, "no filter is declared")
     lag = load_cell.filter_lag(frequency, int(declared["order"]), float(declared["cutoff"]))
     if measured is None:
         return lag
@@ -188,10 +175,9 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
 
 def filter_delay(loads: xr.Dataset) -> Quantity:
     """Return by how much a slowly changing force comes late [s]; 0 without a filter."""
-    declared = declared_filter(loads)
-    slow = 0.0 if declared is None else _SLOW * float(declared["cutoff"])
-    lag = force_lag(loads, slow) if slow else None
-    return Quantity(0.0, 0.0, "s") if lag is None else Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
+    slow = _SLOW * (declared_filter(loads) or {"cutoff": 1.0})["cutoff"]
+    lag = force_lag(loads, slow)
+    return Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
 
 
 def filtered(force_values: Floats, interval: float, declared: dict[str, float]) -> Floats:
@@ -209,22 +195,12 @@ def filtered(force_values: Floats, interval: float, declared: dict[str, float]) 
 
 
 def passed(loads: xr.Dataset, force_values: Floats) -> Floats:
-    """Pass the force (sample,) [N] of every block through the cell's filter, while the stage moves and after.
-
-    In a long hold the force is so slow that a filter leaves it as it is.
-    """
-    declared, made = declared_filter(loads), force_values.copy()
-    interval = float(np.nanmedian(loads["sampling_interval"].values))
-    moving = np.flatnonzero(np.diff(loads["position_z"].values, prepend=np.nan) != 0)
+    """Pass the force (sample,) [N] of every block through the cell's filter."""
+    declared = declared_filter(loads)
     if declared is None:
-        return made
-    for block in np.unique(loads["block"].values):
-        where = rows(loads, block)
-        inside = moving[(moving >= where.start) & (moving < where.stop)]
-        last = int(inside[-1]) if inside.size else where.start
-        part = slice(where.start, min(where.stop, last + round(_SETTLED / interval)))
-        made[part] = filtered(force_values[part], interval, declared)
-    return made
+        return force_values.copy()
+    interval, blocks = float(np.nanmedian(loads["sampling_interval"].values)), np.unique(loads["block"].values)
+    return np.concatenate([filtered(force_values[rows(loads, block)], interval, declared) for block in blocks])
 
 
 def filter_sections(declared: dict[str, float], interval: float) -> Floats:
@@ -252,36 +228,27 @@ def clock(loads: xr.Dataset) -> Floats:
     return loads["time"].values + since[loads["block"].values.astype(int)]
 
 
-def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantity, str]:
-    """Return the stage position of first touch, and how it was found.
-
-    Raises
-    ------
-    InputError
-        It is neither given nor found in an approach.
-    """
-    if given is not None:
-        return given, "given in session.toml"
-    functions = [str(f) for f in loads["function"].values]
-    if _APPROACH not in functions:
-        raise InputError(
-            "the file holds no Find Contact block, so the position of first touch is not known; "
-            'give it in session.toml: contact = "12.345 ± 0.001 mm"'
-        )
-    part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
-    declared, interval = declared_filter(loads), float(np.median(np.diff(part["time"].values)))
-    sections = None if declared is None else filter_sections(declared, interval)
-    found = mach1_touch.touched(part, filter_delay(part), sections)
-    return found, "fitted to the force of the Find Contact block, with the cell's filter"
-
-
 def first_touch(loads: xr.Dataset, given: Quantity | None) -> xr.Dataset:
-    """Return ``contact_position`` with its u, and the attribute ``contact``; NaN and the reason where there is none."""
-    try:
-        touch, how = contact_position(loads, given)
-    except InputError as error:  # forces need no depth
-        warnings.warn(f"no modulus and no model: {error}", stacklevel=3)
-        touch, how = Quantity(np.nan, np.nan, "m"), str(error)
+    """Return ``contact_position`` with its u, as given or found in an approach, and how in the attribute ``contact``.
+
+    Where it is not known it is NaN, and the attribute says why: forces need no depth.
+    """
+    touch, how, functions = given, "given in session.toml", [str(name) for name in loads["function"].values]
+    if given is None and _APPROACH not in functions:
+        how = "the file holds no Find Contact block, so the position of first touch is not known; "
+        how += 'give it in session.toml: contact = "12.345 ± 0.001 mm"'
+    elif given is None:
+        part, declared = loads.isel(sample=rows(loads, functions.index(_APPROACH))), declared_filter(loads)
+        interval = float(np.median(np.diff(part["time"].values)))
+        try:
+            sections = None if declared is None else filter_sections(declared, interval)
+            touch = mach1_touch.touched(part, filter_delay(part), sections)
+            how = "fitted to the force of the Find Contact block, with the cell's filter"
+        except InputError as error:
+            how = str(error)
+    if touch is None:
+        warnings.warn(f"no modulus and no model: {how}", stacklevel=3)
+        touch = Quantity(np.nan, np.nan, "m")
     known = with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch")
     return xr.Dataset(known, attrs={"contact": how})
 

@@ -8,11 +8,9 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from labpipe import contact
 from labpipe.arrays import Floats, Integers
@@ -26,14 +24,16 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.mach1_readings import relative_gain
 from pipelines.experiments.shared.material_choice import Variation, resolve, variations
+from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 
 TOUCH = "first touch"
+SHIFT = 1e-7
+"""m of first touch by which a derivative is found: far above the solver's own error."""
 NOTHING_NAMED = "session.toml names no punch and no substrate, so nothing was simulated"
 _TIPS = "number of tips"
 _DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
-_LEAST_SHIFT = 1e-7  # m of first touch for the same purpose: far above the solver's own error
 _UNIT_MODULUS = 1e6  # Pa; a soft elastic solid whose force is divided by it
 _INCOMPRESSIBLE = 0.5  # what a layer's ratio is taken for when no material is named
 
@@ -100,74 +100,58 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
     return sources
 
 
-class Effect(NamedTuple):
-    """An input of a simulated indentation, and the change of the force (sample,) [N] with a step of it."""
-
-    given: Quantity
-    step: float
-    change: Floats
-
-    def by_u(self) -> Floats:
-        """Return the change of the force by one standard uncertainty of the input [N]."""
-        return np.asarray(self.change * (self.given.u / self.step))
-
-
-def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[Integers]], dim: str) -> dict[str, Any]:
-    """Return the change of a simulated force along its curves by one standard uncertainty of each effect.
-
-    Curves are given by the samples of each of their stretches, of which all have as many. Returned is ``effect``
-    (dim, stretch, source) [N], the mean over each stretch.
-    """
-    known = [effect.by_u() for effect in effects.values() if effect.given.u > 0.0]
-    values = np.array([[[one[place].mean() for one in known] for place in places] for places in curves])
-    values = values.reshape(len(curves), -1, len(known))
-    text = "change of the force along the curve by one standard uncertainty of an input"
-    return {"effect": variable((dim, "stretch", "source"), values, "N", text)}
-
-
 def laid_along(
-    loads: xr.Dataset, force: Floats, simulated: Floats, places: Sequence[Integers], effects: ArrayLike
+    loads: xr.Dataset, force: Floats, simulated: Floats, places: Sequence[Integers], model: xr.Dataset
 ) -> Agreement | None:
     """Lay a force (sample,) [N] against that of a model in stretches of it.
 
-    They share tare, gain and the delay of the cell, and touch, punch and solid of the model: ``effects``
-    (effect, stretch) [N].
+    They share tare, gain and the delay of the cell, and the inputs of the model.
     """
     means, own = stretches(force - simulated, places)
     ours, slope = stretch_means([force, np.gradient(simulated, float(loads["sampling_interval"][0]))], places)
     tare = np.full(len(places), float(loads["u_tare"]))
     of_cell = [tare, relative_gain(loads) * ours, mach1_readings.filter_delay(loads).u * slope]
-    return along_curve(means, own, np.array([*of_cell, *np.asarray(effects, float).reshape(-1, len(places))]))
+    u = model["input_u"].values
+    of_model = u[u > 0.0, None] * stretch_means(model["slope"].values[u > 0.0], places)
+    return along_curve(means, own, np.array([*of_cell, *of_model]))
 
 
 def modelled(
     loads: xr.Dataset,
-    touch: Quantity,
+    found: xr.Dataset,
     settings: Indentation,
     file: Path | None,
     fitted: xr.Dataset | None,
     times: tuple[float, float],
-) -> tuple[Prony, dict[str, Effect], xr.Dataset]:
-    """Return the solid that the settings name, and a file simulated with it and the punch, as :func:`simulated` does.
+) -> xr.Dataset:
+    """Return a file simulated with the solid and the punch that the settings name, as :func:`simulated` does.
 
-    ``times`` are as for :func:`.variations`.
+    ``found`` holds first touch, ``times`` are as for :func:`.variations`. Without punch, substrate and first touch
+    there is nothing to simulate: the result says so.
     """
-    punch, substrate = settings.punch, settings.substrate
-    if punch is None or substrate is None:
-        raise InputError(NOTHING_NAMED)
+    punch, substrate, touch = settings.punch, settings.substrate, mach1_readings.touch_of(found)
+    if punch is None or substrate is None or not np.isfinite(touch.value):
+        return xr.Dataset(attrs={"absent": absent(settings, found)})
     solid = resolve(substrate, file, fitted)
     geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
-    return solid, *simulated(loads, touch, solid, geometry, variations(substrate, file, fitted, times))
+    return simulated(loads, touch, solid, geometry, variations(substrate, file, fitted, times))
+
+
+def absent(settings: Indentation, found: xr.Dataset) -> str:
+    """Return why nothing can be simulated where punch, substrate or first touch is missing."""
+    is_named = settings.punch is not None and settings.substrate is not None
+    return str(found.attrs["contact"]) if is_named else NOTHING_NAMED
 
 
 def simulated(
     loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry, others: Mapping[str, Variation]
-) -> tuple[dict[str, Effect], xr.Dataset]:
+) -> xr.Dataset:
     """Simulate a whole file with its measured displacement, from the stage position of first touch on.
 
-    Returns the effects of first touch, of the punch and of ``others``, uncertain inputs of the solid; that of the
-    number of tips has no uncertainty, but can be stated wrongly. And ``force`` (sample,) [N] before the cell's filter
-    with its ``u_``; attributes say how it was made.
+    Returns ``force`` (sample,) [N] before the cell's filter with its ``u_``, its inputs (:data:`.INPUTS`) and
+    ``slope`` (uncertain, sample), the change of the force with each, SI. They are first touch, the punch and
+    ``others``, of the solid; the number of tips has no uncertainty, but can be stated wrongly. Attributes say how it
+    was made.
     """
     from labpipe.identification import lee_radok_basis
 
@@ -186,21 +170,21 @@ def simulated(
     # By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
     # doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while
     # it recedes a little.
-    area, shift = elastic_force(depth[kept], geometry), max(touch.u, _LEAST_SHIFT)
-    best, deeper = superposed(area, solid), superposed(elastic_force(depth[kept] - shift, geometry), solid)
-    effects = {TOUCH: Effect(touch, shift, deeper - best)}
+    area, shift = elastic_force(depth[kept], geometry), max(touch.u, SHIFT)
+    best, higher = superposed(area, solid), superposed(elastic_force(depth[kept] - shift, geometry), solid)
+    slopes = {TOUCH: (touch, (higher - best) / shift)}
     deepest = float(depth.max())
     for source in relative_sources(deepest, 0.0, geometry)[:-1] if deepest > 0 else ():
-        given = Quantity(source.value, source.u, source.unit)
-        step = max(given.u, _RELATIVE_CHANGE * abs(given.value))
-        effects[source.source] = Effect(given, step, source.sensitivity * step * force)
+        slopes[source.source] = Quantity(source.value, source.u, source.unit), source.sensitivity * force
     tips = float(geometry.punch.tips)
-    effects[_TIPS] = Effect(Quantity(tips, 0.0, "1"), _RELATIVE_CHANGE * tips, _RELATIVE_CHANGE * force)
-    effects |= {name: Effect(o.given, o.change, superposed(area, o.solid) - best) for name, o in others.items()}
-    u = np.sqrt(np.sum(np.square([e.by_u() for e in effects.values()]), axis=0))
-    text = "simulated force, before the cell's filter"
+    slopes[_TIPS] = Quantity(tips, 0.0, "1"), force / tips
+    slopes |= {name: (o.given, (superposed(area, o.solid) - best) / o.change) for name, o in others.items()}
+    slope = np.array([one for _, one in slopes.values()])
+    u = np.linalg.norm(slope * [[given.u] for given, _ in slopes.values()], axis=0)
     work = json.loads(made.attrs["work"]) | {"history_samples": int(kept.size), "history_samples_total": time.size}
     work.pop("seconds", None)  # the clock has no place in a stored result
     attrs = {key: str(made.attrs[key]) for key in ("solver", "datum")} | {"work": json.dumps(work)}
+    text = "simulated force, before the cell's filter"
     found = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
-    return effects, xr.Dataset(found, attrs=attrs)
+    found["slope"] = variable(("uncertain", "sample"), slope, "1", "change of the simulated force with an input, SI")
+    return table_of({name: given for name, (given, _) in slopes.items()}).assign(found).assign_attrs(attrs)

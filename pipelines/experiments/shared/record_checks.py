@@ -30,7 +30,7 @@ _FLAT = 6  # equal readings in a row that a moving body does not give
 _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
 _QUIET = 200  # readings at the beginning that should be at rest
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a note, doubtful, impossible
-_BLOCK = 48  # readings that do not repeat by chance
+_BLOCK = 48  # readings that do not repeat by chance; half of them where noise exceeds the resolution
 _WINDOW = 24  # readings in which a lost or doubled one is looked for
 
 SINGLE_ROWS = "lost or doubled rows"
@@ -72,14 +72,13 @@ class Trace:
     """The readings of one record.
 
     ``name`` is its file, for messages; ``time`` [s] and ``reading`` [m] (time,) are NaN where there is no valid
-    reading; ``header`` is the text above the readings in the file; ``outliers`` holds first and last index and the
-    largest deviation [m] of each run of readings that was left out.
+    reading; ``outliers`` holds first and last index and the largest deviation [m] of each run of readings that was left
+    out.
     """
 
     name: str
     time: Floats
     reading: Floats
-    header: str = ""
     outliers: tuple[tuple[int, int, float], ...] = ()
     is_excluded: Flags | bool = False
 
@@ -95,7 +94,7 @@ class Trace:
             x[readings[state].values != 0] = np.nan
         left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
         runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
-        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")), runs, is_excluded)
+        return cls(name, readings["time"].values, x, runs, is_excluded)
 
     @cached_property
     def travel(self) -> float:
@@ -115,6 +114,11 @@ class Trace:
         """Smallest difference between two readings [m]."""
         x = self.reading[np.isfinite(self.reading)]
         return float(quantisation_step(x)) if x.size and np.ptp(x) > 0.0 else 0.0
+
+    @cached_property
+    def block(self) -> int:
+        """Number of readings that do not repeat by chance."""
+        return _BLOCK // 2 if self.noise > self.resolution else _BLOCK
 
     def at(self, index: int) -> str:
         """Write the time of a reading."""
@@ -138,29 +142,33 @@ def of_recordings(
     ``read``, ``moved`` and ``bounced`` are readings, displacement and bounces by recording; ``failed`` are the causes
     of failed steps.
     """
-    gravity, record = settings.model.gravity.value, settings.calibration
-    outputs = ((name, one) for name, one in read.items() if one is not None)
-    traces = [t for name, one in outputs if (t := Trace.of(name, one, settings.sensor.output)) is not None]
-    found = [c for t in traces for c in of_readings(t, gravity, moved.get(t.name), bounced.get(t.name))]
+    record, traces, found = settings.calibration, list[Trace](), list[Check]()
+    for name, one in read.items():
+        if one is not None and (trace := Trace.of(name, one, settings.sensor.output)) is not None:
+            traces.append(trace)
+            results = [result for result in (moved.get(name), bounced.get(name)) if result is not None]
+            line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
+            found += of_readings(trace, settings.model.gravity.value, line)
     others = [placed(check, record, check.file) for check in failed_steps(context, failed)]
     return [*found, shared_rows(traces)], [*others, *of_record(moved, record)]
 
 
-def of_readings(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> list[Check]:
-    """Evaluate continuity and noise of a record; ``found_in`` are its displacement and its bounces, where known."""
+def of_readings(trace: Trace, gravity: float, hum: Hum | None = None) -> list[Check]:
+    """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it."""
     if np.isfinite(trace.reading).sum() < 10 * _FLAT:
         return [not_made("readings", "sixty valid readings")]
     held = held_readings(trace)
     found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
     if held.level is None:
         found += [_jumps(trace), _single_rows(trace)]
-    results = [one for one in found_in if one is not None]
-    if not results:
-        found.append(not_made("mains hum", "a displacement"))
-    line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
-    if line is not None:
-        return [*found, _hum(trace, line)]
-    return [*found, _beginning(trace, gravity)]
+    if hum is None:
+        return [*found, _beginning(trace, gravity)]
+    left = float(np.sqrt(np.mean(np.sum(hum.modes(trace.time) ** 2, axis=1))))
+    text = f"hum of {quantity(hum.amplitude, 'm')} at {hum.frequency:.4g} Hz, subtracted to "
+    text += f"± {quantity(left, 'm')}, which is in the uncertainties"
+    level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
+    cause = "mains hum: ground the sensor, or average over one period"
+    return [*found, trace.seen("mains hum", text, level, cause)]
 
 
 def unread(trace: Trace) -> Check:
@@ -210,15 +218,14 @@ def longest_run(flags: np.ndarray) -> tuple[int, int]:
 def _jumps(trace: Trace) -> Check:
     """Look for steps between two readings that no speed of the body explains."""
     name, known = "jumps and spikes", np.flatnonzero(np.isfinite(trace.reading))
-    x = trace.reading[known]
-    steps = np.diff(x)
+    steps = np.diff(trace.reading[known])
     # of three steps in a row the middle one: a spike makes two of them, against each other
     middle = np.median(np.lib.stride_tricks.sliding_window_view(steps, 3), axis=1)
     usual = float(np.quantile(np.abs(middle), 0.995))
     limit = max(3.0 * usual, 0.02 * trace.travel) + _IN_NOISE * trace.noise + 2 * trace.resolution
-    large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
-    if large.size:
-        worst = max(large.tolist(), key=lambda i: abs(float(steps[i])))
+    jumps = np.where(np.diff(known) == 1, np.abs(steps), 0.0)
+    worst = int(np.argmax(jumps))
+    if jumps[worst] > limit:
         text = f"the readings jump by {quantity(float(steps[worst]), 'm')} at {trace.at(int(known[worst + 1]))}, "
         text += f"{quantity(usual, 'm')} between two readings is usual"
         cause = "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
@@ -243,11 +250,10 @@ def _single_rows(trace: Trace) -> Check:
     if trace.reading.size < 2 * _WINDOW:
         return not_made(SINGLE_ROWS, f"{2 * _WINDOW} readings")
     place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)
-    design = np.stack([np.ones(_WINDOW), place, place**2, np.sign(place) / 2.0])
+    design = np.stack([np.ones_like(place), place, place**2, np.sign(place) / 2.0])
     inverse = np.linalg.pinv(design)
     windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
-    fitted = windows @ inverse
-    noise = max(trace.noise, 0.3 * trace.resolution)
+    fitted, noise = windows @ inverse, max(trace.noise, 0.3 * trace.resolution)
     is_smooth = np.std(windows - fitted @ design, axis=1) < 1.5 * noise
     step, jump, u = fitted[:, 1], fitted[:, 3], noise * float(np.linalg.norm(inverse[:, 3]))
     # a small bounce turns within a window too, but at steps that hardly exceed the noise
@@ -267,37 +273,33 @@ def _single_rows(trace: Trace) -> Check:
 def repeated_rows(trace: Trace) -> Check:
     """Look for a stretch of readings that comes twice, digit by digit."""
     name = "rows that come twice"
-    if trace.reading.size < 3 * _BLOCK or trace.resolution == 0.0:
-        return not_made(name, f"{3 * _BLOCK} readings that differ")
+    if trace.reading.size < 3 * trace.block or trace.resolution == 0.0:
+        return not_made(name, f"{3 * trace.block} readings that differ")
     count = np.round(np.nan_to_num(trace.reading) / trace.resolution).astype(np.int64)
-    windows = np.lib.stride_tricks.sliding_window_view(count, _BLOCK)
-    places = np.flatnonzero(np.convolve(np.diff(count) != 0, np.ones(_BLOCK - 1), "valid") >= _BLOCK / 2)
-    digests = (windows @ np.random.default_rng(0).integers(1, 2**62, _BLOCK))[places]
+    windows = np.lib.stride_tricks.sliding_window_view(count, trace.block)
+    places = np.flatnonzero(np.convolve(np.diff(count) != 0, np.ones(trace.block - 1), "valid") >= trace.block / 2)
+    digests = (windows @ np.random.default_rng(0).integers(1, 2**62, trace.block))[places]
     _, first, inverse = np.unique(digests, return_index=True, return_inverse=True)
     original = places[first[inverse]]
-    twice = np.flatnonzero(places - original >= _BLOCK)
+    twice = np.flatnonzero(places - original >= trace.block)
     if not twice.size:
         return trace.seen(name, "no stretch of readings comes twice")
     second, begin = trace.at(int(places[twice[0]])), trace.at(int(original[twice[0]]))
-    text = f"{twice.size + _BLOCK - 1} readings from {second} come twice, digit by digit those from {begin}"
+    text = f"{twice.size + trace.block - 1} readings from {second} come twice, digit by digit those from {begin}"
     cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
     return trace.seen(name, text, "impossible", cause)
 
 
 def shared_rows(traces: Sequence[Trace]) -> Check:
-    """Look for two records whose readings are equal, digit by digit but for their zero and the end of the longer one.
-
-    Files with the same bytes are left to the check of the session.
-    """
+    """Look for two records of equal readings, digit by digit but for their zero and the end of the longer one."""
     name = "readings of another record"
     known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
     if len(known) < 2:
         return not_made(name, "two records with readings that differ")
     for first, later in combinations(known, 2):
         n, half = min(first.reading.size, later.reading.size), 0.5 * max(first.resolution, later.resolution)
-        is_same_file = first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True)
         apart = np.abs(np.diff(first.reading[:n]) - np.diff(later.reading[:n]))
-        if not is_same_file and (apart[np.isfinite(apart)] < half).all():
+        if (apart[np.isfinite(apart)] < half).all():
             text = f"{n} readings in a row are those of {first.name}, digit by digit"
             return later.seen(name, text, "doubtful", "a copy was taken for a repeat")
     return stated(name, f"no two of {len(known)} records share their readings", None)
@@ -328,26 +330,20 @@ def _steady_noise(trace: Trace) -> Check:
         f"noise of {quantity(sizes[low], 'm')} in part {low + 1} of 5, {quantity(sizes[high], 'm')} in part {high + 1}"
     )
     cause = "light, surface, gain or averaging of the sensor changed while it recorded"
-    return trace.seen(name, text, "note" if sizes[high] > 3.0 * sizes[low] else None, cause)
-
-
-def _hum(trace: Trace, line: Hum) -> Check:
-    """Report the hum of the mains that was subtracted from a record, and its remainder."""
-    left = float(np.sqrt(np.mean(np.sum(line.modes(trace.time) ** 2, axis=1))))
-    text = f"hum of {quantity(line.amplitude, 'm')} at {line.frequency:.4g} Hz, subtracted to "
-    text += f"± {quantity(left, 'm')}, which is in the uncertainties"
-    level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
-    return trace.seen("mains hum", text, level, "mains hum: ground the sensor, or average over one period")
+    level: Level | None = (
+        "doubtful" if sizes[high] > 10.0 * sizes[low] else "note" if sizes[high] > 3.0 * sizes[low] else None
+    )
+    return trace.seen(name, text, level, cause)
 
 
 def _beginning(trace: Trace, gravity: float) -> Check:
     """Compare the first readings with a body at rest: neither in free fall nor drifting."""
     name, known = "beginning of the record", np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
-    t, x = trace.time[known] - trace.time[known[:1]], trace.reading[known]
+    t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     keep = np.abs(x - np.median(x)) <= max(0.25 * trace.travel, 20 * trace.noise)
-    t, x = t[keep], x[keep]
-    if t.size < _QUIET // 2 or t[-1] == 0.0:
+    if keep.sum() < _QUIET // 2:
         return not_made(name, f"{_QUIET} quiet readings")
+    t, x = t[keep], x[keep]
     span, noise = float(t[-1]), max(trace.noise, 0.3 * trace.resolution, 1e-12)
     bend, slope = 2 * float(np.polyfit(t, x, 2)[0]), float(np.polyfit(t, x, 1)[0])
     u_bend, u_slope = noise * sqrt(720.0 / t.size) / span**2, noise * sqrt(12.0 / t.size) / span
@@ -369,11 +365,10 @@ def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> li
     """Evaluate the calibration record of the sensor that gave the displacements of some recordings."""
     known = {name: each for name, each in displacements.items() if each is not None}
     days = [day_known(each, record, name) for name, each in known.items()] or [day_known(None, record)]
-    found = [min(days, key=lambda check: ("doubtful", "note", None).index(check.level))]
-    first = next(iter(known.values()), None)
-    if first is None or "inclination" not in first:
+    found, first = [min(days, key=lambda check: ("doubtful", "note", None).index(check.level))], [*known.values()][:1]
+    if not first or "inclination" not in first[0]:
         return [*found, not_made("line of sight", "a displacement")]
-    angle, u = (float(np.rad2deg(first[name])) for name in ("inclination", "u_inclination"))
+    angle, u = (float(np.rad2deg(first[0][name])) for name in ("inclination", "u_inclination"))
     text = f"{record}: inclination ({angle:.3g} ± {u:.2g})°, lengths are divided by its cosine"
     cause = f"inclination in {record} is probably not {angle:.3g}°: a lost decimal point, or the angle to the plate"
     if u > 3.0:  # even an angle estimated by eye is known better

@@ -2,23 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot, log, nan, sqrt
+from math import hypot, log, sqrt
 
 import numpy as np
 import xarray as xr
 
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, fitted_errors, in_words, not_made, stated, too_large
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, record_checks
-from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, Title, line_of
+from pipelines.experiments.shared.judgements import Scene, Title
+from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
-from pipelines.experiments.static_loading.load_steps import SIDE, clear_steps, creep_design, creep_fit, settled, valid
-from pipelines.experiments.static_loading.model import of_material
+from pipelines.experiments.static_loading.measured import SIDE, clear_steps, creep_design, creep_fit, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 MATERIAL = "approach against the material"
@@ -26,7 +25,6 @@ _SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be
 _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
 _OTHER_GRADE, _NO_GRADE = 3.0, 30.0  # factors between moduli of one polymer that are much, that are too much
 _DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
-_SAME = 0.1  # by which the times of the loads may scatter about one factor
 _ROWS, _FREE, _LEFT = 240, 1e4, 0.3
 """Readings that are enough to distinguish mistakes; noises by which the fit is free; part of the misfit that a mistake
 may leave."""
@@ -48,7 +46,9 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, context: Context) -> Scene:
     """Judge one static loading; a step without a result is judged by its error."""
     readings, displacement = given.get("readings"), given.get("displacement")
-    checks = [_explained(c, readings, displacement, settings) for c in judgements.failed_steps(context, _FAILED)]
+    failed = judgements.failed_steps(context, _FAILED)
+    checks = [record_checks.placed(check, settings.calibration, settings.laser) for check in failed]
+    checks = [_mistimed(check, displacement, settings) for check in checks]
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
         checks.append(not_made("readings", "readings of a length"))
@@ -65,38 +65,22 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
         DRIFT: Quantity(0.0, settings.steps.drift.value, "m"),
         MODULUS: Quantity(1.0, 0.0, "1"),
         LOADS: Quantity(1.0, 0.0, "1"),
-    } | {name: one for name, (one, _) in of_material(given.get("model")).items()}
+    } | inputs_of(given.get("model"))
     known_by = judgements.measured_by(settings.sphere)
     return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
 
 
-def _explained(
-    failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset | None, settings: StaticLoading
-) -> Check:
-    """Give a step that failed its place; where the steps of the record are not those of the loads, say why."""
-    failed = record_checks.placed(failed, settings.calibration, settings.laser)
-    if failed.name != "step steps" or not failed.is_made or displacement is None or readings is None:
+def _mistimed(failed: Check, displacement: xr.Dataset | None, settings: StaticLoading) -> Check:
+    """Give steps that were not found the one load whose time is wrong, where as many are seen as stated."""
+    times = [np.nan if load.time is None else load.time.value for load in settings.loads[1:]]
+    at = np.empty(0) if displacement is None else clear_steps(displacement)[0]
+    off = np.flatnonzero(np.abs(at - times) > settings.steps.search.value) if at.size == len(times) else at
+    if failed.name != "step steps" or off.size != 1:
         return failed
-    at, _ = clear_steps(displacement)
-    stated_at = np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
-    ratios = at / stated_at if at.size == stated_at.size else np.full(1, nan)
-    ratios = ratios[np.isfinite(ratios)]
-    factor = float(np.median(ratios)) if ratios.size and np.ptp(np.log(ratios)) <= _SAME else nan
-    if not np.isfinite(factor):
-        times = ", ".join(f"{t:.0f}" for t in at)
-        cause = f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states "
-        cause += f"{stated_at.size} loads after the first: one is left out or too many, a time is wrong, or "
-        return replace(failed, cause=f"{cause}sensor.direction has the wrong sign", setting="loads")
-    if min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
-        cause = f"the times of the loads are {in_words(factor)} times too short: seconds and minutes were probably "
-        return replace(failed, cause=f"{cause}exchanged", setting="loads")
-    interval = float(readings.attrs.get("sampling_interval", nan))
-    cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
-    cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
-    if settings.keyence.cycle is not None:
-        return replace(failed, cause=cause, file="", setting="keyence.cycle")
-    line = line_of(str(readings.attrs.get("header", "")), "cycle", "period", "周期")
-    return replace(failed, cause=cause, file=settings.laser, line=line)
+    i = int(off[0])
+    right, given = (quantity(each, "s", 4) for each in (at[i], times[i]))
+    cause = f"the time of load {i + 2} is probably {right}, not {given}: all others fit the record"
+    return replace(failed, cause=cause, file="", setting=f"loads[{i + 1}].time")
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -113,17 +97,17 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
         f"{settings.laser}: the readings step by {quantity(float(sizes[worst]), 'm')} at {at[worst]:.0f} s, where no "
         f"load is stated; the smallest step of a load is {quantity(least, 'm')}"
     )
-    if sizes[worst] < _SMALL_STEP * least:
-        return stated(name, text, "doubtful", cause="the stand or the sensor was knocked", setting="loads")
-    cause = f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
-    return stated(name, text, "impossible", cause=f"{cause}steps; or the stand was knocked", setting="loads")
+    level: Level = "doubtful" if sizes[worst] < _SMALL_STEP * least else "impossible"
+    missing = f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
+    cause = f"{missing}steps; or " * (level == "impossible") + "the stand or the sensor was knocked"
+    return stated(name, text, level, cause=cause, setting="loads")
 
 
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
-    """Compare the residual of one creep law and one zero for all loads with the noise."""
+    """Compare the residual of one creep law and one zero for all loads with the noise, and say what explains it."""
     noise, scatter = float(steps["noise"]), float(steps["scatter"])
     time, moved = valid(displacement)
-    count = int(settled(time, steps, settings).sum())
+    used = np.flatnonzero(settled(time, steps, settings))
     # left of each approach by stated uncertainties of loads and zero
     depth = np.interp(steps["end"].values, time, moved) - float(steps["touch"])
     by_loads = 2 / 3 * float(np.max(depth * steps["u_force"].values / steps["force"].values))
@@ -131,18 +115,11 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     text = f"{settings.laser}: the best creep fit for these loads leaves {quantity(scatter, 'm')}, the noise of a "
     text += f"reading is {quantity(noise, 'm')}"
     # both are estimates from the same readings; that of the noise has half of their freedom
-    u, name = noise * sqrt(1.5 / count), "record against its loads"
+    u, name = noise * sqrt(1.5 / used.size), "record against its loads"
     check = compared(name, text, scatter, u, noise, 0.0, allowance=allowance, factor=False, file=settings.laser)
     if check.level is None or scatter < noise:
         return replace(check, level=None)
-    cause, setting = _likeliest(displacement, steps, settings)
-    return replace(check, cause=cause, file="" if setting else settings.laser, setting=setting)
-
-
-def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> tuple[str, str]:
-    """Return the load, or the drift under one load, that explains most of the misfit, and its setting."""
-    time, moved = valid(displacement)
-    used = np.flatnonzero(settled(time, steps, settings))
+    # the load, or the drift under one load, that explains most of the misfit
     used = used[:: max(used.size // _ROWS, 1)]
     elapsed, force, radius = time[used], steps["force"].values, settings.sphere.radius.value
     depth = np.maximum(moved[used] - float(steps["touch"]), 1e-9)
@@ -161,15 +138,14 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
     best = int(np.argmax(explained))
     i = best % force.size
     load = settings.loads[i].mass.value
-    if explained[best] < 1.0 - _LEFT:
-        return "a load, a time or the zero is wrong, or something other than the contact moved", ""
-    if best == i:
-        said = (
-            f"load {i + 1} is probably about {load * (1.0 - errors[best]):.2g} kg, not {load:g} kg: all others fit the "
-        )
-        return f"{said}record then (loads in session.toml)", f"loads[{i}].mass"
-    said = f"the readings probably drifted by {quantity(-float(errors[best]), 'm')} while load {i + 1} ({load:g} kg) "
-    return f"{said}was held: the temperature changed, or the stand settled", ""
+    said, setting = "a load, a time or the zero is wrong, or something other than the contact moved", ""
+    if explained[best] >= 1.0 - _LEFT and best == i:
+        said = f"load {i + 1} is probably about {load * (1.0 - errors[best]):.2g} kg, not {load:g} kg: all others fit "
+        said, setting = f"{said}the record then (loads in session.toml)", f"loads[{i}].mass"
+    elif explained[best] >= 1.0 - _LEFT:
+        said = f"the readings probably drifted by {quantity(-float(errors[best]), 'm')} while load {i + 1} ({load:g} "
+        said += "kg) was held: the temperature changed, or the stand settled"
+    return replace(check, cause=said, file="" if setting else settings.laser, setting=setting)
 
 
 def _of_material(settings: StaticLoading, approach: xr.Dataset, model: xr.Dataset) -> Check:
@@ -194,7 +170,7 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
     length = f"the unit, the display factor or the gain of {settings.laser} is not what it says"
 
     def of_radius(k: float) -> str:
-        typed = " (the diameter was typed)" * (abs(log(0.5 * k)) < _SAME)
+        typed = " (the diameter was typed)" * (abs(log(0.5 * k)) < 0.1)
         other = f"the material is {in_words(max(k, 1 / k) ** 0.5, 2)} times {'softer' if k > 1.0 else 'stiffer'}"
         right = f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}{typed}"
         return f"{right}; or {other} than the one that is named"

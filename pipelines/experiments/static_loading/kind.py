@@ -12,7 +12,7 @@ _STAGES = (
         "correct the inclination, with uncertainty",
     ),
     stage(
-        "static_loading.load_steps:steps",
+        "static_loading.measured:steps",
         "displacement",
         "loads sphere.radius steps model.gravity",
         "find load times and first touch; creep compliance",
@@ -47,7 +47,7 @@ KIND = Kind(
     stages=_STAGES,
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
-    rows=derived("static_loading.comparison:rows", "comparison approach model"),
+    rows=derived("static_loading.comparison:rows", "comparison approach"),
     budget=derived("static_loading.budget:quantities", "displacement steps approach model"),
     body="sphere",
     proposal=proposal("displacement", "static_loading.proposal:proposed"),

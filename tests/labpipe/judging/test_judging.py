@@ -222,3 +222,10 @@ def test_of_a_dense_list_a_usual_factor_is_not_met_by_chance(slack, named):
     seen = [compared("fringes", "", 1.1, 1e-3, 1.0, 1e-3)]
     cause = Cause({"fringes": 1.0}, "{:.3f}".format, (1.07, 1.16), slack=slack)
     assert explain(seen, [cause])[0].sentence == named
+
+
+def test_of_errors_beyond_every_uncertainty_that_explain_as_much_the_smallest_is_named_first():
+    seen = [compared("fringes", "", 1.23, 1e-3, 1.0, 1e-3)]
+    length = Cause({"fringes": 1.0}, lambda k: "wavelength", u=8e-4)
+    scale = Cause({"fringes": -2.0}, lambda k: "scale", u=2e-3)
+    assert [one.cause for one in explain(seen, [length, scale])] == [scale, length]

@@ -113,7 +113,8 @@ class Scene(NamedTuple):
     model that differs by something that nobody states; it comes first. ``measured_by`` is the experiment or file that
     knows the modulus of the material, "" where that is known by its name alone. ``alternatives`` simulates, for rows
     and their covariance, other materials and temperatures
-    (:mod:`pipelines.experiments.shared.alternatives`).
+    (:mod:`pipelines.experiments.shared.alternatives`). ``stated`` are all quantities that the settings hold, with their
+    places.
     """
 
     checks: Sequence[Check]
@@ -125,6 +126,13 @@ class Scene(NamedTuple):
     unstated: str = ""
     measured_by: str = ""
     alternatives: Callable[[Sequence[Row], Any], Sequence[Any]] | None = None
+    stated: Sequence[tuple[str, Quantity]] = ()
+
+    def place(self, name: str) -> str:
+        """Return the setting that states an input, " (sphere.mass)"; empty where it is not known."""
+        same = [place for place, value in self.stated if value == self.inputs[name]]
+        named = [place for place in same if place.rpartition(".")[2] in name] or same
+        return f" ({named[0]})" if len(named) == 1 else ""
 
     @property
     def another_material(self) -> str:

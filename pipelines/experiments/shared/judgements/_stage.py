@@ -1,7 +1,7 @@
 """The stage of a judgement: checks and comparison of an experiment, made one verdict."""
 
 import json
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping, Set
 from types import MappingProxyType
 from typing import Any
 
@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import Agreement, Judgement, agreement, detectable, judge, model_verdict, to_json
+from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
+from labpipe.workflow.fields import every_setting
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS
@@ -27,7 +29,7 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     Returned are ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the smallest error
     that the comparison would have shown, ``detectable`` (relative, NaN where the input is 0 or a temperature).
     Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects``
-    explanations of a model that differs.
+    explanations of a model that differs, and ``is_explained`` whether the first of them is plausible.
     """
     judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws(titles))
     made = Compared.of(scene)
@@ -45,11 +47,12 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     elif model == "agrees":
         reason = _doubted(judged, {name for row in made.rows for name in row.slopes} | set(scene.inputs))
     is_held = scene.basis.is_sound and not reason
-    told: list[str] = []
+    told, is_plausible = list[str](), True
     if model == "differs" or not is_held:
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
         told = [text for text in (first, reason, scene.unstated) if text]
-        told += explanations(scene, judged, made) if made.rows else []
+        found_causes, is_plausible = explanations(scene, judged, made) if made.rows else ([], False)
+        told, is_plausible = told + found_causes, bool(told) or is_plausible
     agreed = found or Agreement(np.nan, 0, np.nan, np.nan)
     numbers = (
         ("n_checks", judged.n_made, "checks that were made"),
@@ -71,6 +74,7 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
             "units": json.dumps([scene.inputs[name].si for name in names]),
             "model": model if is_held else "undecided",
             "suspects": json.dumps(told),
+            "is_explained": int(is_plausible),
         },
     )
 
@@ -97,16 +101,21 @@ def judging(
     The function asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names`` are those of the
     results that the stage is given, in its order; ``rests_on`` are fields that name experiments, whose judgements
     follow; ``expected`` are results that are no expectation where one of these is impossible; ``titles`` those of the
-    checks. Its attribute ``inputs`` holds the names of all that it is given.
+    checks. Its attribute ``inputs`` holds the names of all that it is given. The stage takes ``others`` besides, master
+    curves by the names of their experiments: materials of which the specimen may be.
     """
 
     def of_scene(scene: Callable[..., Scene]) -> Any:
-        def judged(*results: Any, settings: Any, context: Context) -> xr.Dataset:
-            known = dict(zip((*names, *rests_on), results, strict=False))
+        def judged(
+            *results: Any, settings: Any, context: Context, others: Mapping[str, xr.Dataset] | None = None
+        ) -> xr.Dataset:
+            known = dict(zip((*names, *rests_on), results, strict=False)) | {"others": others}
             basis = Basis.of([known.pop(field, None) for field in rests_on])
             known |= {} if basis.is_sound else dict.fromkeys(expected)
             found: Scene = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
-            made = judgement(found._replace(checks=[*found.checks, *uncertainties_stated(settings)]), titles)
+            stated = [(place, value) for place, value, _ in every_setting(settings) if isinstance(value, Quantity)]
+            found = found._replace(checks=[*found.checks, *uncertainties_stated(settings)], stated=stated)
+            made = judgement(found, titles)
             return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
 
         vars(judged)["inputs"] = (*names, *rests_on)

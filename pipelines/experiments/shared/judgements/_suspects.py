@@ -22,7 +22,8 @@ _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
-_NO_GRADE = 5.0  # between moduli of two grades of one polymer
+_NO_GRADE = 5.0
+"""Factor beyond those between moduli of two grades of one polymer, and over which effects keep their power law."""
 _MODULUS = "modulus"
 """Input of a material: its u is 0 where it is known by its name alone."""
 _MOST, _MUCH, _SOME = 0.8, 0.5, 0.2
@@ -74,14 +75,30 @@ class Compared(NamedTuple):
         """Measured minus model (n,)."""
         return np.array([row.difference or 0.0 for row in self.rows])
 
+    def in_logarithms(self, inputs: Mapping[str, Quantity]) -> tuple[Floats, Floats, Floats]:
+        """Return logarithms of measured over model (k,) of positive rows, powers of the inputs (k, m), and covariance.
+
+        Contacts follow power laws (Hertz: a duration goes with m^0.4 R^-0.2), so that these logarithms are linear in
+        those of the inputs over large factors.
+        """
+        pairs = [(row.measured or 0.0, row.model or 0.0) for row in self.rows]
+        kept = [i for i, (measured, model) in enumerate(pairs) if measured * model > 0.0]
+        measured, model = np.array(pairs)[kept].reshape(-1, 2).T
+        scale = np.sqrt(measured * model)
+        # a slope is that of what comes from the inputs: where no model is compared, of the measured value
+        moved = np.where([self.rows[i].against == "model" for i in kept], model, measured)
+        powers = self.slopes[kept] * np.array([inputs[name].value for name in self.names]) / moved[:, None]
+        return np.log(measured / model), powers, self.covariance[np.ix_(kept, kept)] / np.outer(scale, scale)
+
 
 class _Error(NamedTuple):
-    """An input, the error of it that would explain a difference, and the share of chi square that it explains."""
+    """An input, the error of it that would explain a difference, the share that it explains, and its setting."""
 
     name: str
     given: Quantity
     size: float
     share: float
+    place: str = ""
 
     @property
     def n_u(self) -> float:
@@ -110,7 +127,7 @@ class _Error(NamedTuple):
         said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
         said += f"{100 * self.share:.0f} % of it"
         far = f", but that is {in_words(self.n_u, 2)} times its {u} uncertainty"
-        return said + far * self.is_excluded
+        return said + far * self.is_excluded + self.place
 
 
 def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
@@ -140,22 +157,25 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
     )
 
 
-def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[str]:
-    """Explain why measurement and model differ, the likeliest explanation first.
+def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[list[str], bool]:
+    """Explain why measurement and model differ, the likeliest explanation first; and return whether that is plausible.
 
     Other materials, other temperatures and typing errors by a usual factor come first, by how much of the difference
-    they leave; then inputs within ten of their standard uncertainties; last the others. A value that a check has
-    confirmed is no suspect.
+    they leave; then inputs within ten of their standard uncertainties, which is plausible as well; then values that
+    are wrong by any factor; last the others. A value that a check has confirmed is no suspect.
     """
     names, chi2 = compared.names, agreement(compared.differences, compared.covariance).chi2
     if not names or not chi2:
-        return []
+        return [], False
     fitted = np.array(fitted_errors(compared.differences, compared.slopes, compared.covariance)).T.tolist()
-    errors = [_Error(name, scene.inputs[name], *of) for name, of in zip(names, fitted, strict=True)]
+    errors = [
+        _Error(name, scene.inputs[name], size, share, scene.place(name))
+        for name, (size, share) in zip(names, fitted, strict=True)
+    ]
     best = max(errors, key=lambda error: error.share)
     close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
     refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
-    told = _alternatives(scene, compared, chi2)
+    told = _one_recording(compared) + _alternatives(scene, compared, chi2)
     told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
     # of those that explain as much the likelier one takes less of its own uncertainty
@@ -164,12 +184,29 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> list[st
     if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_excluded for e in near):
         others = " or ".join(name for name in distant if name != _MODULUS)
         told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
+    is_plausible = bool(told) or any(not error.is_excluded for error in near)
+    if not told and not near:
+        told = _far(scene, compared, refuted)
     while near:
         first, *rest = near
         alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_excluded == first.is_excluded]
         told.append(first.sentence(alike))
         near = [error for error in rest if error not in alike]
-    return told[:_SUSPECTS] or [_UNEXPLAINED]
+    return told[:_SUSPECTS] or [_UNEXPLAINED], is_plausible
+
+
+def _one_recording(compared: Compared) -> list[str]:
+    """Name the recording without which the model would not differ, where there are three or more."""
+    conditions = np.array([row.condition for row in compared.rows])
+    named = list(dict.fromkeys(conditions.tolist()))
+    if len(named) < 3:
+        return []
+    rest = [conditions != name for name in named]
+    found = [agreement(compared.differences[kept], compared.covariance[np.ix_(kept, kept)]) for kept in rest]
+    alone = [name for name, one in zip(named, found, strict=True) if model_verdict(one, could_notice=True) != "differs"]
+    if len(alone) != 1:
+        return []
+    return [f"only {alone[0]} differs: that recording is of another test, or its gain or zero is wrong"]
 
 
 def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
@@ -206,24 +243,13 @@ def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
 def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str]) -> list[str]:
     """Name which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
 
-    Contacts follow power laws (Hertz: a duration goes with m^0.4 R^-0.2): logarithms of positive rows are linear in
-    those of the inputs over large factors. Where an input that has no uncertainty, such as a modulus that nobody
-    measured, would do the same, none is named but by a factor that no grade of a material makes; nor is a value
-    that a check of the record has confirmed.
+    Where an input that has no uncertainty, such as a modulus that nobody measured, would do the same, none is named but
+    by a factor that no grade of a material makes; nor is a value that a check of the record has confirmed.
     """
     inputs, names = scene.inputs, compared.names
-    pairs = [(row.measured or 0.0, row.model or 0.0) for row in compared.rows]
-    kept = [i for i, (measured, model) in enumerate(pairs) if measured * model > 0.0]
-    if not kept:
-        return []
-    measured, model = np.array(pairs)[kept].T
-    scale, ratio = np.sqrt(measured * model), np.log(measured / model)
-    covariance = compared.covariance[np.ix_(kept, kept)] / np.outer(scale, scale)
-    if np.sum(ratio**2 / np.diagonal(covariance)) < DOUBTFUL**2:
+    ratio, powers, covariance = compared.in_logarithms(inputs)
+    if not ratio.size or np.sum(ratio**2 / np.diagonal(covariance)) < DOUBTFUL**2:
         return []  # rows that differ together alone are off by no such factor
-    # a slope is that of what comes from the inputs: where no model is compared, of the measured value
-    moved = np.where([compared.rows[i].against == "model" for i in kept], model, measured)
-    powers = compared.slopes[kept] * np.array([inputs[name].value for name in names]) / moved[:, None]
     largest = dict(zip(names, np.abs(powers).max(axis=0), strict=True))
     # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
     counts = {name for name in names if name.startswith(_COUNT)}
@@ -262,5 +288,21 @@ def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str
         for value in (inputs[name].value / factor, inputs[name].value)
     )
     why = ": its diameter was typed" if "radius" in name and isclose(factor, 2.0) else ""
-    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}"]
+    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}{scene.place(name)}"]
     return [*said, f"or {scene.another_material}"] if _MODULUS in names else said
+
+
+def _far(scene: Scene, compared: Compared, confirmed: Set[str]) -> list[str]:
+    """Name which stated value explains most of a difference by a factor that is no usual one."""
+    ratio, powers, covariance = compared.in_logarithms(scene.inputs)
+    if not ratio.size:
+        return []
+    fitted = zip(compared.names, *fitted_errors(ratio, powers, covariance), strict=True)
+    (name, size, share), *others = sorted(fitted, key=lambda one: -one[2])
+    chi2, given = agreement(ratio, covariance).chi2, scene.inputs[name]
+    is_alone = all((share - other) * chi2 > _CLOSE for _, _, other in others)
+    if share < _MOST or not is_alone or name in confirmed or given.si in _NO_SLIP or abs(size) > log(_NO_GRADE):
+        return []
+    right = quantity(given.value / exp(size), given.si, 2)
+    said = f"{name} is probably about {right}, not {quantity(given.value, given.si)}; {_share(share)}"
+    return [said + scene.place(name)]

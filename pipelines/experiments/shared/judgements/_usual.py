@@ -16,7 +16,7 @@ from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_la
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import counted_from_one
 
@@ -30,7 +30,7 @@ _USUAL = {
     "readings": _NOT_READ,
     errors.NO_FILM: "the folder is not that of the film, or its images are of a format that is not read",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
-    "of a camera, or a value of it is wrong",
+    "of a camera, or a value of it is wrong; or the clock of the instrument was reset",
 }
 """Most likely fault of a record, by the reason of the error or the step that fails, of many kinds."""
 _SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
@@ -49,7 +49,7 @@ _ANOTHER_VIEW = 3.0
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
     """Compare the stated uncertainties of positive quantities with their values, lengths more strictly."""
     for setting, value, kind in every_setting(settings):
-        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+        is_positive = mark(kind, Range) == POSITIVE
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
             text = f"{counted_from_one(setting)} is {value_with_uncertainty(*value)}"
             share = 1 / 3 if value.si == "m" else 1 / 2

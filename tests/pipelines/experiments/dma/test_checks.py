@@ -1,14 +1,12 @@
 """Mistakes with rheometer exports are named; clean exports and strange polymers are believed."""
 
-import warnings
-
 import msgspec
 import numpy as np
 import pytest
 
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma import checks, measured, model
+from pipelines.experiments.dma import checks, measured
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
 from pipelines.rig.dma import Protocol, write_dma
@@ -79,13 +77,6 @@ def test_exchanged_columns_are_named_from_the_loss_factor_and_from_causality(acr
     assert "exchanged" in alone.causes[0]
 
 
-def fitted(data, name):
-    settings = settings_for(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return model.master_curve(measured.gathered([data], settings=settings), settings=settings)
-
-
 @pytest.mark.parametrize(("name", "interval"), [("acrylic", 3), ("acrylic", 9), ("ptfe", 3), ("ptfe", 9), ("nbr", 3)])
 def test_an_interval_that_is_30_kelvin_too_high_is_named(tmp_path, name, interval):
     export = write_dma(tmp_path, name, SOLIDS[name], Protocol(), 3)
@@ -95,11 +86,3 @@ def test_an_interval_that_is_30_kelvin_too_high_is_named(tmp_path, name, interva
     assert found.level in ("impossible", "doubtful")
     assert f"interval {interval} is probably" in found.cause
     assert "too high" in found.cause
-
-
-def test_shifts_that_rise_with_temperature_are_impossible(exports):
-    data = exports["ptfe"]
-    curve = fitted(data, "ptfe")
-    assert judged([data], "ptfe", curve).believable == "yes"
-    curve["log10_aT"].values[2] += 3.0
-    assert finding(judged([data], "ptfe", curve), "order of the shifts").level == "impossible"

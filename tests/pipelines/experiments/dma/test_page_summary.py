@@ -17,7 +17,7 @@ def curve(storage, loss, relaxed, unrelaxed):
             "u_master_storage": ("f", 0.01 * storage), "E_relaxed": relaxed, "E_unrelaxed": unrelaxed,
         }
     )  # fmt: skip
-    return made.assign(ends(made, 0.02))
+    return made.merge(ends(made, scale=0.02))
 
 
 def test_ends_that_the_loss_determines_have_an_uncertainty_and_others_bounds():

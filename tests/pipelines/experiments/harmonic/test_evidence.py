@@ -26,7 +26,7 @@ def simulated(results: Results, solid: Prony) -> tuple[np.ndarray, np.ndarray, n
     """Return stiffness of the simulated and of the true oscillations, and the true size."""
     told: Any = derive(results, results.experiments["nbr"], KINDS["harmonic"].evidence, name="nbr", impacts=6)
     loads = results.result("nbr", "loads")
-    touch, _ = mach1_readings.contact_position(loads, None)
+    touch = mach1_readings.touch_of(mach1_readings.first_touch(loads, None))
     truth = json.loads((results.folder / "truth/nbr.json").read_text(encoding="utf-8"))
     given = {p.name: p.mean for p in told.unknowns}
     given["nbr first touch"] = truth["surface"] - touch.value

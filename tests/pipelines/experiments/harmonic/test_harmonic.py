@@ -13,7 +13,7 @@ import xarray as xr
 
 from labpipe import contact, files, materials
 from labpipe.materials import Prony
-from pipelines.experiments.harmonic import comparison, measured as harmonic, model, theory
+from pipelines.experiments.harmonic import comparison, measured as harmonic, model
 from pipelines.experiments.shared import punch_model
 from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
@@ -87,21 +87,21 @@ def test_the_work_of_the_theory_is_that_of_the_equation(session: Path) -> None:
             rubber,
             float(table["frequency"][i]),
             float(table["amplitude"][i]),
-            float(found["mean_indentation"][i]),
+            float(table["mean_position"][i] - table["contact_position"]),
             2e-3,
             8e-3,
             18e-3,
         )
         assert float(found["dissipated_work"][i]) == pytest.approx(float(known), rel=1e-12)
-    gap = found["work_difference"].values / table["work_per_cycle"].values
+    gap = found["dissipated_work"].values / table["work_per_cycle"].values - 1.0
     assert np.abs(gap).max() < 0.04
 
 
 def test_where_the_theory_does_not_apply_it_says_so_and_nothing_fails(session: Path) -> None:
     given = settings(session)
     wide = msgspec.structs.replace(given.punch, radius=given.punch.radius._replace(value=20e-3))
-    parts = (stage(session, name) for name in ("oscillations", "loops", "model"))
-    found = theory.theory(*parts, None, None, settings=msgspec.structs.replace(given, punch=wide))
+    parts = (stage(session, name) for name in ("oscillations", "loops"))
+    found = model.theory(*parts, None, None, settings=msgspec.structs.replace(given, punch=wide))
     assert "do not apply: an approach" in found.attrs["absent"]
 
 
@@ -130,9 +130,8 @@ def test_detachment_is_detected_as_long_as_it_lasts(tmp_path: Path) -> None:
     write(tmp_path, replace(PROTOCOL, mean=30e-6, amplitude=40e-6, frequencies=(1.0,)), 32)
     outcome = process(tmp_path, jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    lost, simulated = (float(stage(tmp_path, name)["contact_loss"][0]) for name in ("loops", "model"))
+    lost = float(stage(tmp_path, "loops")["contact_loss"][0])
     assert lost == pytest.approx(truth(tmp_path)["oscillations"][0]["contact_loss"], abs=0.05)
-    assert simulated == pytest.approx(lost, abs=0.05)
     assert lost > 0.2
     assert float(stage(tmp_path, "comparison")["nrmse"].max()) < 0.02
     assert float(stage(tmp_path, "theory")["tapping_amplitude"][0]) < 40e-6

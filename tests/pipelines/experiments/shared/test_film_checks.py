@@ -2,8 +2,9 @@
 
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,23 +14,20 @@ import instruments
 from instruments import phantom
 from labpipe.errors import LabpipeError
 from labpipe.frames import as_frames
-from labpipe.judging import stated
+from labpipe.judging import Check
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed, Warned
 from pipelines.experiments.shared.film_checks import (
-    CAUSES,
     LIGHT,
     exchanged,
-    explained,
     exposed,
     exposure_stated,
     light_of,
+    of_film,
     repeated,
     said_by_file,
-    whole_film,
 )
 from pipelines.experiments.shared.film_frames import open_film
-from pipelines.experiments.shared.judgements import failed_steps
 
 COUNT, SHAPE = 60, (64, 96)
 RATE, SHUTTER, NOISE = 4000.0, 5e-6, 2e-7
@@ -142,19 +140,24 @@ def test_exchanged_width_and_height_are_told(tmp_path: Path, count: int) -> None
     with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
         open_film(path)
     failed = Failed("radius", None, str(error.value), reason=error.value.reason)
-    context = Context("film", "contact_area", "", "", "", False, failures=(failed,))
-    (told,) = failed_steps(context, CAUSES | {"radius": "the record is of another view"})
+    (told,) = _judged(failures=(failed,))
     assert told.cause.startswith("width and height are exchanged in the header")
+
+
+def _judged(**run: Any) -> list[Check]:
+    """Judge the steps of a run over a film of which nothing was measured."""
+    context = Context("film", "contact_area", "", "", "", False, **run)
+    causes = {"radius": "the record is of another view", "bounces": "the film shows no drop"}
+    return of_film(context, SimpleNamespace(film="film/f.avi"), None, causes, {})[1]
 
 
 def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so() -> None:
     warned = Warned("track", None, "IncompleteFilmWarning", "f.avi: 9 frames are declared, 4 can be read", 1)
-    context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
-    whole = whole_film(context, "film/f.avi")
-    assert (whole.level, whole.message) == ("note", "film/f.avi: 9 frames are declared, 4 can be read")
-    failed = stated("step bounces", "no bounce found", "impossible", cause="the film shows no drop")
-    assert explained(failed, whole).cause.startswith("the film was not copied whole")
-    assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
+    failed = Failed("bounces", None, "no bounce found")
+    (told,) = _judged(failures=(failed,), warnings=(warned,))
+    assert told.cause.startswith("the film was not copied whole")
+    (told,) = _judged(failures=(failed,))
+    assert told.cause == "the film shows no drop"
 
 
 def test_frames_that_come_twice_are_found(tmp_path: Path) -> None:

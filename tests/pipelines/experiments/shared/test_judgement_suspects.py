@@ -185,9 +185,14 @@ def test_a_model_agrees_by_no_value_that_is_doubtful_itself() -> None:
 
 @pytest.mark.parametrize("u", [0.0, 0.01])
 def test_a_mass_is_named_whether_its_uncertainty_is_stated_or_not_and_no_size_is_wrong_by_a_turn(u):
+    """A first digit that is mistyped is no usual factor; then the value is named as nearly as power laws know it."""
     powers = {"mass": (0.2, 0.4), "radius": (0.4, -0.2)}
     inputs = {"mass": Quantity(5.05, u, "kg"), "radius": Quantity(9.525e-3, 5e-6, "m")}
-    for name, factor, words in (("mass", 10.0, "mass is probably 505 g"), ("radius", 2 * np.pi, "")):
+    for name, factor, words in (
+        ("mass", 10.0, "mass is probably 505 g"),
+        ("mass", 5.05 / 8.05, "mass is probably about 8.1 kg, not 5.05 kg; that would explain 100"),
+        ("radius", 2 * np.pi, ""),
+    ):
         made = []
         for i, model in enumerate((4e-4, 1e-3)):
             slopes = {n: -powers[n][i] * model / inputs[n].value for n in inputs}

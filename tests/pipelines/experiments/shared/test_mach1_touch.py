@@ -55,7 +55,7 @@ def scores(
     found = []
     for seed in range(count):
         loads, surface = recorded(part, force, seed, noise)
-        touch, _ = mach1_readings.contact_position(loads, None)
+        touch = mach1_readings.touch_of(mach1_readings.first_touch(loads, None))
         found.append(((touch.value - surface) / touch.u, touch.u))
     made = np.array(found)
     return made[:, 0], float(made[:, 1].mean())
@@ -88,6 +88,7 @@ def test_a_stage_that_goes_back_after_it_has_touched_tells_the_same() -> None:
         for n in range(1, 40)
     ]
     longer = xr.concat([loads, *gone], "sample", data_vars="minimal").assign_attrs(loads.attrs)
-    plain, found = (mach1_readings.contact_position(each, None)[0] for each in (loads, longer))
+    known = (mach1_readings.first_touch(each, None) for each in (loads, longer))
+    plain, found = map(mach1_readings.touch_of, known)
     assert abs(found.value - plain.value) < plain.u
     assert abs(found.value - surface) < 3 * found.u
