@@ -103,9 +103,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         for c in checks
     ]
     if any(c.name == HEIGHT and c.is_made and not c.level for c in checks):  # the other repeats fall as far as stated
-        wrong = _OTHERWISE[HEIGHT]
         checks = [
-            replace(c, cause=_OF_ANOTHER, file=c.recording, setting="") if c.name == HEIGHT and c.cause == wrong else c
+            replace(c, cause=_OF_ANOTHER, file=c.recording, setting="") if c.cause == _OTHERWISE[HEIGHT] else c
             for c in checks
         ]
     compared, inputs = given.each([rows]), inputs_of(model)

@@ -181,8 +181,8 @@ def _moduli(export: Export) -> Iterator[Check]:
         apart = np.abs(np.log(given / ratio))
         at = int(np.argmax(apart))
         if level is None and apart[at] > _MISTYPED:
-            place = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
-            text = f"{file}, {' and '.join(place)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
+            row = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
+            text = f"{file}, {' and '.join(row)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
             level, cause = "doubtful", "storage modulus, loss modulus or loss factor of this row is mistyped"
         yield export.seen(name, text, level, cause)
     else:

@@ -172,5 +172,9 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
             moved[momenta[j]] = by_amplitude[momenta[j]] - 1.0
             factor = float(blows[j] / blows[i])
             said = f"the recordings of {drops_label(other)} and {drops_label(drops)} are exchanged"
+
+            def say(_: float, said: str = said) -> str:
+                return said
+
             if abs(log(factor)) > _MOMENTUM:
-                yield Cause(moved, lambda _, said=said: said, (factor,), only_usual=True, setting=f"drops[{j}].laser")
+                yield Cause(moved, say, (factor,), only_usual=True, setting=f"drops[{j}].laser")
