@@ -132,15 +132,14 @@ class Job:
         except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             # Unless it is one of ours, the mistake is the step's, not a record's.
-            ours = (
-                error if isinstance(error, LabpipeError) else StageError(f"unexpected {type(error).__name__}: {error}")
-            )
+            kind = type(error).__name__
+            ours = error if isinstance(error, LabpipeError) else StageError(f"unexpected {kind}: {error}")
             return Outcome(
                 *name,
                 FAILED,
                 message=self._relative(str(ours)),
                 exit_code=ours.exit_code,
-                error=type(error).__name__,
+                error=kind,
                 details="".join(traceback.format_exception(error)),
                 seconds=time.perf_counter() - begun,
                 is_of_run=ours.is_of_run,
