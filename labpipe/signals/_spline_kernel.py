@@ -123,7 +123,7 @@ def normal_equations(
         middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
         while stop < x.size and (x[stop] < breaks[s + 1] or s == first.size - 1):
             stop += 1
-        b, bend = basis[s], over**3.5
+        b, scale = basis[s], over**3.5
         for k in range(DEGREE + 1):
             low = high = mixed = 0.0
             for n in range(begin, stop):
@@ -133,7 +133,7 @@ def normal_equations(
             powers[k], powers[k + DEGREE], products[k] = low, high, mixed
         for i in range(DEGREE + 1):
             # the fourth derivative is linear: 24 and 120 times the highest powers; place^2 is 1/12 in the mean
-            rough[s, 0, i], rough[s, 1, i] = 24.0 * bend * b[4, i], 120.0 / math.sqrt(12.0) * bend * b[5, i]
+            rough[s, 0, i], rough[s, 1, i] = 24.0 * scale * b[4, i], 120.0 / math.sqrt(12.0) * scale * b[5, i]
             row[:] = 0.0
             for p in range(DEGREE + 1):
                 right[first[s] + i] += b[p, i] * products[p]
@@ -211,23 +211,21 @@ def penalised(
         band[:] = 0.0
         for s in range(power.size):
             for i in range(DEGREE + 1):
-                level, slope = penalty[s] * rough[s, 0, i], penalty[s] * rough[s, 1, i]
+                bend, tilt = penalty[s] * rough[s, 0, i], penalty[s] * rough[s, 1, i]
                 for j in range(DEGREE + 1 - i):
-                    band[first[s] + i, j] += (
-                        normal[s, i, i + j] + level * rough[s, 0, i + j] + slope * rough[s, 1, i + j]
-                    )
+                    band[first[s] + i, j] += normal[s, i, i + j] + bend * rough[s, 0, i + j] + tilt * rough[s, 1, i + j]
         solved(band, coefficients, inverse)
         if has_settled or n_solves > _UPDATES:
             return coefficients, inverse, n_solves
         for s in range(power.size):
             spread = energy[s] = 0.0
-            for r in rough[s]:
-                bend = 0.0
+            for part in rough[s]:
+                size = 0.0
                 for i in range(DEGREE + 1):
-                    bend += r[i] * coefficients[first[s] + i]
+                    size += part[i] * coefficients[first[s] + i]
                     for j in range(DEGREE + 1 - i):
-                        spread += r[i] * r[i + j] * inverse[first[s] + i, j] * (2.0 if j else 1.0)
-                energy[s] += bend**2
+                        spread += part[i] * part[i + j] * inverse[first[s] + i, j] * (2.0 if j else 1.0)
+                energy[s] += size**2
             used[s] = max(1.0 - penalty[s] * spread, 1e-4)
         # Parameters used per roughness, of which both are pooled over neighbours (a triangular window) and over all
         # intervals of equal length.
