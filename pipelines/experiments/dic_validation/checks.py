@@ -58,10 +58,10 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     track, motion = given.get("track"), given.get("motion")
-    whole, checks = of_film(context, settings, track, _FAILED, _MENDS)
+    checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        checks += _of_frames(track, whole, settings)
+        checks += _of_frames(track, settings)
     checks += given.each((_times, _fall))
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
@@ -90,17 +90,14 @@ def _fall(
     ]
 
 
-def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iterator[Check]:
+def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
     """Evaluate the frames of the film, their light and order."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
-    cause, setting = f"{cause}on the holder", "tracking.body"
-    if whole.level:
-        cause, setting = whole.cause, ""
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
-    yield stated(FOUND, message, level, cause=cause, setting=setting)
+    yield stated(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
     yield _steady(track, film)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
