@@ -50,10 +50,8 @@ ROWS = (
         "mass ten times too large", setting("505.0 ± 0.5 g", "5.05 ± 0.005 kg"), "doubtful", ("sphere.mass",), _TOML
     ),
     Mistake("mass in kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("sphere.mass",), _TOML),
-    # time
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
-    # sensor
     # recordings
     Mistake("two heights exchanged", _exchanged, "impossible", ("height",)),
 )
