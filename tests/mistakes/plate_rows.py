@@ -57,7 +57,6 @@ ROWS = (
     Mistake("cycle doubled in one", header("cycle,50us", "cycle,25us", (PTFE,)), "impossible", ("interval of", PTFE)),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
-    # sensor
     # recordings
     Mistake("two heights exchanged", _exchanged(0, 1), "impossible", ("recordings of acrylic, 1.5 mm", "exchanged")),
     Mistake("two materials exchanged", _exchanged(0, 2), "doubtful", ("ptfe, 1.5 mm", "exchanged")),

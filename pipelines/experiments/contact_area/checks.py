@@ -79,7 +79,7 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     radius, impacts, sphere = given.get("radius"), given.get("impacts"), settings.sphere
-    _, checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
+    checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
