@@ -64,7 +64,7 @@ class Document:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
         place = self.written(place)
         name, own = (LABORATORY, place[1:]) if place[:1] == (LABORATORY,) else (self.path.name, place)
-        shown = f"{dotted(own)}: " if own else ""
+        shown = f"{counted(dotted(own))}: " if own else ""
         return f"{name}:{self.line(place)}: {shown}{message}"
 
     def finish(self) -> None:
@@ -77,6 +77,11 @@ def dotted(place: Place) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
     names = (f"[{k}]" if isinstance(k, int) else f".{k}" if _BARE.fullmatch(k) else f'."{k}"' for k in place)
     return "".join(names).removeprefix(".")
+
+
+def counted(dotted: str) -> str:
+    """Write a dotted place as people count: ``drops[0].height`` as ``drops no. 1, height``."""
+    return re.sub(r"\[(\d+)\](\.?)", lambda n: f" no. {int(n[1]) + 1}{', ' if n[2] else ''}", dotted)
 
 
 def parse(path: Path, text: str | None = None) -> Document:

@@ -21,9 +21,9 @@ _NOT_BLANK = r"\S"
 class Note(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A dated note on an experiment, as in a laboratory notebook."""
 
-    on: datetime.date
-    text: Annotated[str, msgspec.Meta(pattern=_NOT_BLANK, description="the text of the note")]
-    who: str = ""
+    on: datetime.date  #: day
+    text: Annotated[str, msgspec.Meta(pattern=_NOT_BLANK, description="the text of the note")]  #: the remark
+    who: str = ""  #: whose it is
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -33,12 +33,12 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     with both ends. Without either the whole file is left out.
     """
 
-    file: str
-    reason: Annotated[str, msgspec.Meta(pattern=_NOT_BLANK, description='a reason such as "a door slammed"')]
-    readings: list[int | str] = []
-    frames: list[int | str] = []
-    who: str = ""
-    on: datetime.date | None = None
+    file: str  #: recording, as the experiment names it
+    reason: Annotated[str, msgspec.Meta(pattern=_NOT_BLANK, description='a reason such as "a door slammed"')]  #: why
+    readings: list[int | str] = []  #: numbers from 1, or ranges; without any the whole file
+    frames: list[int | str] = []  #: numbers from 0, or ranges
+    who: str = ""  #: who decided
+    on: datetime.date | None = None  #: when
 
     def __post_init__(self) -> None:
         """Refuse numbers that are none."""

@@ -2,7 +2,9 @@
 
 import datetime
 import difflib
+import inspect
 import math
+import re
 import types
 import typing
 from collections.abc import Iterable, Iterator
@@ -75,16 +77,16 @@ NOT_NEGATIVE = Range(at_least=0.0)
 File = Annotated[str, FileMark()]
 ExperimentName = Annotated[str, ReferenceMark()]
 """Written as ``NAME`` or ``experiment:NAME``, kept as the latter."""
-Length = Annotated[Quantity, Dimension("m", "length", "9.525 mm")]
-Mass = Annotated[Quantity, Dimension("kg", "mass", "28.2 g")]
+Length = Annotated[Quantity, Dimension("m", "length", "9.525 ± 0.005 mm")]
+Mass = Annotated[Quantity, Dimension("kg", "mass", "505.0 ± 0.5 g")]
 Angle = Annotated[Quantity, Dimension("rad", "angle", "12.0 ± 0.2 deg")]
 Time = Annotated[Quantity, Dimension("s", "time", "50 ms")]
-Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "20 kHz")]
-Temperature = Annotated[Quantity, Dimension("degC", "temperature", "23 degC")]
-Force = Annotated[Quantity, Dimension("N", "force", "0.5 N")]
+Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "180 ± 2 Hz")]
+Temperature = Annotated[Quantity, Dimension("degC", "temperature", "21.0 ± 0.5 degC")]
+Force = Annotated[Quantity, Dimension("N", "force", "0.500 ± 0.005 N")]
 Acceleration = Annotated[Quantity, Dimension("m/s2", "acceleration", "9.81 m/s2")]
 Modulus = Annotated[Quantity, Dimension("Pa", "modulus", "403 ± 10 GPa")]
-Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.5 um/px")]
+Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.50 ± 0.05 um/px")]
 Adhesion = Annotated[Quantity, Dimension("J/m2", "work of adhesion", "50 ± 20 mJ/m2")]
 Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
 
@@ -93,6 +95,13 @@ Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 
 def fields_of(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ...]:
     """Return the fields of a structure, whose annotations msgspec would evaluate each time."""
     return msgspec.structs.fields(kind)
+
+
+@cache
+def meanings(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """Return the meaning of the fields of a structure that state it after ``#:`` in the line that declares them."""
+    tables = [base for base in kind.__mro__[::-1] if issubclass(base, msgspec.Struct) and base.__module__ != "msgspec"]
+    return dict(re.findall(r"^    (\w+):.*#: (.+)$", "".join(map(inspect.getsource, tables)), re.MULTILINE))
 
 
 def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -144,6 +153,7 @@ def mark(marks: tuple[Any, ...], kind: type[M]) -> M | None:
     return next((mark for mark in marks if isinstance(mark, kind)), None)
 
 
+_FILE = "the name of a file"
 _WORDS: dict[type, str] = {
     str: "text in quotation marks",
     int: "a whole number",
@@ -154,14 +164,14 @@ _WORDS: dict[type, str] = {
 
 
 def describe(kind: Any) -> str:
-    """Describe the expected value of a field: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
+    """Describe the expected value of a field: ``a length such as "9.525 ± 0.005 mm" (units: m, cm, mm, um, nm)``."""
     bare, marks = split(kind)
     if (dimension := kind if isinstance(kind, Dimension) else mark(marks, Dimension)) is not None:
         article = "an" if dimension.noun[0] in "aeiou" else "a"
         units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
         return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
     if mark(marks, FileMark) is not None:
-        return "the name of a file"
+        return _FILE
     if mark(marks, ReferenceMark) is not None:
         return "the name of an experiment"
     meta = mark(marks, msgspec.Meta)
@@ -173,7 +183,8 @@ def describe(kind: Any) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):
-        return f"a list of items, each {describe(arguments[0])}"
+        inner = describe(arguments[0])
+        return "the names of files, in brackets" if inner == _FILE else f"a list in brackets, of which each is {inner}"
     return next((word for known, word in _WORDS.items() if known is bare), "a table")
 
 
