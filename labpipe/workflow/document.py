@@ -48,7 +48,7 @@ class Document:
     def at(self, place: Place, message: str) -> str:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
         name, own = (LABORATORY, place[1:]) if place[:1] == (LABORATORY,) else (self.path.name, place)
-        return ": ".join((f"{name}:{self.line(place)}", *([dotted(own)] if own else ()), message))
+        return ": ".join((f"{name}:{self.line(place)}", *([counted(dotted(own))] if own else ()), message))
 
     def finish(self) -> None:
         """Raise ConfigError with every mistake in the order of its line, if there is any."""
@@ -60,6 +60,11 @@ def dotted(place: Place) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
     names = (f"[{k}]" if isinstance(k, int) else f".{k}" if re.fullmatch(r"[\w-]+", k) else f'."{k}"' for k in place)
     return "".join(names).removeprefix(".")
+
+
+def counted(dotted: str) -> str:
+    """Write a dotted place as people count: ``drops[0].height`` as ``drops no. 1, height``."""
+    return re.sub(r"\[(\d+)\](\.?)", lambda n: f" no. {int(n[1]) + 1}{', ' if n[2] else ''}", dotted)
 
 
 def parse(path: Path, text: str | None = None) -> Document:

@@ -22,9 +22,9 @@ _Span = (
 class Note(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A dated note on an experiment, as in a laboratory notebook."""
 
-    on: datetime.date
-    text: Annotated[str, msgspec.Meta(pattern=r"\S", description="the text of the note")]
-    who: str = ""
+    on: datetime.date  #: day
+    text: Annotated[str, msgspec.Meta(pattern=r"\S", description="the text of the note")]  #: the remark
+    who: str = ""  #: whose it is
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,12 +34,12 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     with both ends. Without either the whole file is left out.
     """
 
-    file: str
-    reason: Annotated[str, msgspec.Meta(pattern=r"\S", description='a reason such as "a door slammed"')]
-    readings: list[_Span] = []
-    frames: list[_Span] = []
-    who: str = ""
-    on: datetime.date | None = None
+    file: str  #: recording, as the experiment names it
+    reason: Annotated[str, msgspec.Meta(pattern=r"\S", description='a reason such as "a door slammed"')]  #: why
+    readings: list[_Span] = []  #: numbers from 1, or ranges; without any the whole file
+    frames: list[_Span] = []  #: numbers from 0, or ranges
+    who: str = ""  #: who decided
+    on: datetime.date | None = None  #: when
 
     def __post_init__(self) -> None:
         """Refuse numbers that are none."""

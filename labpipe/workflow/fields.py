@@ -2,7 +2,9 @@
 
 import datetime
 import difflib
+import inspect
 import math
+import re
 import types
 import typing
 from collections.abc import Iterable, Iterator
@@ -72,19 +74,20 @@ def is_gap(value: Any) -> bool:
 POSITIVE = Range(above=0.0)
 NOT_NEGATIVE = Range(at_least=0.0)
 
-File = Annotated[str, FileMark(), msgspec.Meta(description="the name of a file")]
+_FILE = "the name of a file"
+File = Annotated[str, FileMark(), msgspec.Meta(description=_FILE)]
 ExperimentName = Annotated[str, ReferenceMark(), msgspec.Meta(description="the name of an experiment")]
 """Written as ``NAME`` or ``experiment:NAME``, kept as the latter."""
-Length = Annotated[Quantity, Dimension("m", "length", "9.525 mm")]
-Mass = Annotated[Quantity, Dimension("kg", "mass", "28.2 g")]
+Length = Annotated[Quantity, Dimension("m", "length", "9.525 ± 0.005 mm")]
+Mass = Annotated[Quantity, Dimension("kg", "mass", "505.0 ± 0.5 g")]
 Angle = Annotated[Quantity, Dimension("rad", "angle", "12.0 ± 0.2 deg")]
 Time = Annotated[Quantity, Dimension("s", "time", "50 ms")]
-Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "20 kHz")]
-Temperature = Annotated[Quantity, Dimension("degC", "temperature", "23 degC")]
-Force = Annotated[Quantity, Dimension("N", "force", "0.5 N")]
+Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "180 ± 2 Hz")]
+Temperature = Annotated[Quantity, Dimension("degC", "temperature", "21.0 ± 0.5 degC")]
+Force = Annotated[Quantity, Dimension("N", "force", "0.500 ± 0.005 N")]
 Acceleration = Annotated[Quantity, Dimension("m/s2", "acceleration", "9.81 m/s2")]
 Modulus = Annotated[Quantity, Dimension("Pa", "modulus", "403 ± 10 GPa")]
-Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.5 um/px")]
+Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.50 ± 0.05 um/px")]
 Adhesion = Annotated[Quantity, Dimension("J/m2", "work of adhesion", "50 ± 20 mJ/m2")]
 Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
 
@@ -93,6 +96,13 @@ Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 
 def fields_of(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ...]:
     """Return the fields of a structure, whose annotations msgspec would evaluate each time."""
     return msgspec.structs.fields(kind)
+
+
+@cache
+def meanings(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """Return the meaning of the fields of a structure that state it after ``#:`` in the line that declares them."""
+    tables = [base for base in kind.__mro__[::-1] if issubclass(base, msgspec.Struct) and base.__module__ != "msgspec"]
+    return dict(re.findall(r"^    (\w+):.*#: (.+)$", "".join(map(inspect.getsource, tables)), re.MULTILINE))
 
 
 def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -157,7 +167,7 @@ _WORDS: dict[Any, str] = {
 
 
 def describe(kind: Any) -> str:
-    """Describe the expected value of a field: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
+    """Describe the expected value of a field: ``a length such as "9.525 ± 0.005 mm" (units: m, cm, mm, um, nm)``."""
     bare, marks = split(kind)
     if (dimension := next((one for one in marks if isinstance(one, Dimension)), None)) is not None:
         article = "an" if dimension.noun[0] in "aeiou" else "a"
@@ -171,7 +181,8 @@ def describe(kind: Any) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):
-        return f"a list of items, each {describe(arguments[0])}"
+        inner = describe(arguments[0])
+        return "the names of files, in brackets" if inner == _FILE else f"a list in brackets, of which each is {inner}"
     return _WORDS.get(bare, "a table")
 
 

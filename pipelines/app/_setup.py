@@ -21,7 +21,7 @@ from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config
-from labpipe.workflow.document import dotted, parse, texts_in
+from labpipe.workflow.document import counted, dotted, parse, texts_in
 from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
@@ -36,7 +36,7 @@ Told = dict[str, Any]
 _LONGEST = 2000  # characters of a value
 _RECORD_FIELDS = ("calibration", "camera", "record")
 _SYMBOLS = {"nu": "Poisson's ratio ν", "T_ref": "reference temperature"}
-_PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
+_PROBLEM = re.compile(r'(?s)^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"| no\. \d+(?:, )?|[^\s:"])+): )?(.*)$')
 
 
 def read(folder: Path) -> dict[str, str]:
@@ -299,7 +299,7 @@ def _fields(
         yield {
             "file": file,
             "place": list(place),
-            "dotted": dotted(place),
+            "dotted": counted(dotted(place)),
             "label": _label(path),
             "text": "" if value is None or is_gap(value) else _as_text(value),
             "files": value if is_files and isinstance(value, list) else None,

@@ -16,7 +16,7 @@ from markdown_it import MarkdownIt
 
 from labpipe import files
 from labpipe.units import Quantity
-from labpipe.workflow.fields import describe, split
+from labpipe.workflow.fields import describe, meanings, split
 from pipelines.cli import cli
 from pipelines.experiments import KINDS
 
@@ -64,7 +64,8 @@ def fields(table: type[msgspec.Struct]) -> tuple[str, list[tuple[str, ...]]]:
             default = f'`"{given}"`' if isinstance(given, Quantity) else f"`{json.dumps(given)}`"
         if field.name != "kind":
             rest = [sentence for sentence in rest if sentence not in own]
-            rows.append((f"`{field.name}`", " ".join(own).replace("|", "\\|"), describe(hints[field.name]), default))
+            meaning = (" ".join(own) or meanings(table).get(field.name, "")).replace("|", "\\|")
+            rows.append((f"`{field.name}`", meaning, describe(hints[field.name]), default))
     return " ".join(rest), rows
 
 

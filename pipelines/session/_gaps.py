@@ -13,7 +13,7 @@ import msgspec
 from labpipe import installation
 from labpipe.errors import InputError, UsageError
 from labpipe.units import quantity, unit
-from labpipe.workflow.fields import Dimension, FileMark, describe, mark, split, suggest
+from labpipe.workflow.fields import Dimension, FileMark, describe, mark, meanings, split, suggest
 from labpipe.workflow.session import FILE_NAME
 from pipelines import experiments
 from pipelines.experiments.shared.proposals import GAP, material_line, material_word
@@ -210,13 +210,14 @@ def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
         bare, _ = split(info.type)
         is_list = typing.get_origin(bare) is list
         inner = typing.get_args(bare)[0] if is_list else bare
+        remark = ": ".join(filter(None, (meanings(kind).get(name), describe(info.type))))
         if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
             head = f"[[{place}.{name}]]" if is_list else f"[{place}.{name}]"
             tables += ["", head, *_fields(inner, f"{place}.{name}")] if info.required else []
         elif name == "material" and issubclass(kind, MaterialChoice):
             yield material_line("")
         elif not info.required and name != "kind":
-            further.append(f"# {name} = …  # {describe(info.type)}")
+            further.append(f"# {name} = …  # {remark}")
         elif name != "kind":
             is_record = name in _RECORDS and mark(info.type, FileMark) is not None
             gap = f"calibration/{GAP}.toml" if is_record else gap_for(info.type)
@@ -224,6 +225,6 @@ def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
             if typing.get_origin(bare) is Literal and len(typing.get_args(bare)) == 1:
                 yield f"{name} = {typing.get_args(bare)[0]!r}"
             else:
-                yield f"{name} = {value}  # {describe(info.type)}"
+                yield f"{name} = {value}  # {remark}"
     yield from further
     yield from tables

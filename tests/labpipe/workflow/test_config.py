@@ -72,7 +72,7 @@ WRONG = {
     'switch = "yes"': 'expected true or false, found "yes"',
     "corners = [1, 2]": r"corners.0.: expected a list of items, each a whole number, found 1",
     "files = ['../x']": r'contains "\.\."',
-    "files = ['data.csv', 'data.csv']": 'files.1.: "data.csv" is listed twice',
+    "files = ['data.csv', 'data.csv']": 'files no. 2: "data.csv" is listed twice',
     'pair = ["1 mm"]': "expected 2 items, found 1",
     "inner.raduis = 3": 'inner.raduis: unknown key; did you mean "radius"',
 }

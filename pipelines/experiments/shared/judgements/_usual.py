@@ -16,9 +16,9 @@ from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_la
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from labpipe.workflow.document import counted
 from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.judgements._page import counted_from_one
 
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
@@ -51,11 +51,11 @@ def uncertainties_stated(settings: Any) -> Iterator[Check]:
     for setting, value, kind in every_setting(settings):
         is_positive = mark(kind, Range) == POSITIVE
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
-            text = f"{counted_from_one(setting)} is {value_with_uncertainty(*value)}"
+            text = f"{counted(setting)} is stated as {value_with_uncertainty(*value)}"
             share = 1 / 3 if value.si == "m" else 1 / 2
             level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
-            yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
+            yield stated(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
@@ -128,7 +128,7 @@ def stated_wrongly(
     last digit.
     """
     relative = (given.u or usual_uncertainty(given)) / given.value if u is None else u
-    say = times_over(name, given.value, given.si, f"{counted_from_one(setting)} in session.toml")
+    say = times_over(name, given.value, given.si, f"{counted(setting)} in session.toml")
     return Cause(effects, say, SLIPS[usual], u=relative, setting=setting)
 
 
