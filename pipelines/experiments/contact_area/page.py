@@ -9,14 +9,14 @@ import numpy as np
 import xarray as xr
 
 from labpipe.imaging import USUAL_WORK
-from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
+from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.contact_area.budget import quantities
-from pipelines.experiments.contact_area.comparison import rows as compared_rows
+from pipelines.experiments.contact_area.comparison import largest_radii, rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP, with_circles
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
-from pipelines.experiments.shared.drop_model import linear_range_rows
+from pipelines.experiments.shared.drop_model import linear_range_rows, simulated
 from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
@@ -27,13 +27,10 @@ _METHODS = {
         "fringe fit",
         "by fitting the interference phase of Hertz's gap to the first fringes, with the exposure's smear modelled",
     ),
-    5: (
-        "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
-        "by the same fit with the width of the gap left free",
-    ),
+    5: ("fringe fit, gap width free", "by the same fit with the width of the gap left free"),
     2: ("edge", "from the edge of the dark spot"),
     3: ("interpolation between equal frames at rest", "at rest by interpolation between equal frames"),
-    4: ("contact fills the view (no radius)", "without a radius, as the contact fills the view"),
+    4: ("contact fills the view (no radius)", ""),
 }
 """Of each method of a radius, a name and how it reads in a sentence."""
 _AROUND = (
@@ -183,10 +180,16 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
+def _methods(
+    settings: ContactArea,
+    radius: xr.Dataset,
+    impacts: xr.Dataset,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
+) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
-    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code]]
+    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if text and counts[code]]
     parts = [f"in {pages.counted(count, 'frame')} {text}" for count, text in used]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
@@ -197,8 +200,15 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
             "contact with the same gap around it, whether the surfaces stick or not. "
         )
     if impacts.sizes["impact"]:
-        first = pages.told(impacts, "peak_radius", 0)
-        text += f"The largest radius of the first impact was {first} (standard uncertainty)."
+        largest, u = largest_radii(impacts, comparison)
+        first = value_with_uncertainty(float(largest[0]), float(u[0]), "m")
+        text += f"The largest radius of the first impact was {first} (standard uncertainty)"
+        if model is not None and comparison is not None and comparison.sizes["impact"]:
+            text += ", from all frames of the contact with the course of the simulated one. "
+            text += (
+                f"{simulated(settings, model)}The simulated radius was {pages.told(model, 'peak_contact_radius', 0)}"
+            )
+        text += "."
     return pages.methods(text, settings)
 
 
