@@ -150,7 +150,9 @@ def _moduli(export: Export) -> Iterator[Check]:
     """Compare the moduli with zero, the range of polymers, the loss factor, and stress over strain."""
     file, storage, loss = export.name, export.values("storage_modulus"), export.values("loss_modulus")
     share, size = float(np.mean((storage <= 0) | (loss <= 0))), np.hypot(storage, loss)
-    message = f"{file}: {in_words(100 * share, 2)} % of the readings are not positive"
+    message = (
+        f"{file}: {f'{in_words(100 * share, 2)} % of the readings are not' if share else 'all moduli are'} positive"
+    )
     level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
     cause = "the instrument's phase is wrong, or another column has the name of the modulus"
     yield export.seen("signs of the moduli", message, level, cause)
@@ -194,7 +196,8 @@ def _moduli(export: Export) -> Iterator[Check]:
     known = (strain > 0) & (stress > 0) & (size > 0)
     if known.any():
         times = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
-        text = f"{file}: the moduli are {times:.3g} times stress over strain (median)"
+        by = "" if f"{times:.2f}" == "1.00" else f"{times:.3g} times "
+        text = f"{file}: modulus = {by}stress/strain (median)"
         cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(times)}"
         yield compared(name, text, times, 0.02 * times, 1.0, 0.02, allowance=0.25, file=file, cause=cause)
     else:

@@ -30,7 +30,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.judgements import with_minus
+from pipelines.experiments.shared.judgements import capitalised, with_minus
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -96,9 +96,9 @@ def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str,
         return f"{name} modulus", pages.told(curve, f"{name}_modulus"), origin
     order = np.argsort(curve["reduced_frequency"].values)
     last = quantity(float(curve["master_storage"][int(order[at])]), "Pa", 4)
-    bound, may = (f"0 to {last}", "fall to zero") if is_slow else (f"{last} at least", "rise")
-    series = f"the series' {quantity(float(curve[f'E_{name}']), 'Pa', 4)} is extrapolated"
-    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus may still {may}: {series}"
+    bound = f"0 to {last}" if is_slow else f"{last} at least"
+    beyond = f"{quantity(float(curve[f'E_{name}']), 'Pa', 4)}, used in simulations, is an extrapolation"
+    return f"{name} modulus", bound, f"{when}; no plateau was reached: {beyond}"
 
 
 def _celsius(T: Floats) -> str:
@@ -291,10 +291,11 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         shifts = f"the shifts followed the {_LAWS[asked]} law"
     text += (
         "The isotherms were joined by time–temperature superposition in one fit of all horizontal shifts and one "
-        "non-negative relaxation spectrum to both moduli (variable projection, regularisation by generalised "
-        f"cross-validation); {shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
+        "non-negative relaxation spectrum to both moduli (variable projection, Golub and Pereyra 2003, "
+        "doi:10.1088/0266-5611/19/2/201; regularisation by generalised cross-validation); "
+        f"{shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
         f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. "
-        f"{_law_row(json.loads(master_curve.attrs['law']))[1]}. "
+        f"{capitalised(_law_row(json.loads(master_curve.attrs['law']))[1])}. "
         "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*missed)
     )
     return pages.methods(text, settings)

@@ -56,7 +56,7 @@ def _tests(tests: xr.Dataset, curves: Sequence[xr.Dataset] = ()) -> Section:
     caption = (
         "The peak is as recorded, behind the load cell's filter if it has one; the plateau is the mean over the end of "
         "the hold, its reduced modulus E/(1 − ν²) that over the elastic force of a unit modulus at the same depth "
-        "(eq. 2.17 inverted, for the punch's own profile)."
+        "(thesis eq. 2.17 inverted, for the punch's own profile)."
     )
     missing = dict.fromkeys(f"{curve.attrs['absent']}." for curve in curves if "absent" in curve.attrs)
     return Section("Tests", (listed(columns, caption), *(Notice("info", text) for text in missing)))
@@ -123,8 +123,8 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
     if "mean_reduced_modulus" in tests:
         shown = pages.told(tests, "mean_reduced_modulus")
         text += (
-            "The relaxed reduced modulus, from the plateau and the elastic force at the measured "
-            f"depth, is {shown} (standard uncertainty). "
+            "The relaxed reduced modulus, from the plateau and the elastic force at the measured depth (thesis "
+            f"eq. 2.17), is {shown} (standard uncertainty). "
         )
     if "nrmse_all" in tests:
         text += simulated_by(tests["nrmse_all"].values)

@@ -50,7 +50,7 @@ def of_film(
     warned = (w.text for w in context.warnings if w.category == IncompleteFilmWarning.__name__)
     text = next(warned, "").removeprefix(f"{Path(film).name}: ")
     level: Level | None = "note" if text else None
-    message = f"{film}: {text or 'no frame is missing in the file'}"
+    message = f"{film}: {text or 'the file is complete'}"
     whole = stated("whole film", message, level, cause=_NOT_WHOLE, file=film)
     checks = []
     for failed in failed_steps(context, {**CAUSES, **causes}, mends):

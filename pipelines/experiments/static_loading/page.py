@@ -100,7 +100,8 @@ def _methods(
         f"A sphere of {settings.sphere.radius.value * 1e3:g} mm radius was loaded on "
         f"{described_flat(settings.counter_body)} by {masses} kg at {begins} min. The displacement of the holder was "
         f"read by a laser every {float(np.median(np.diff(approach['time']))):.3g} s and corrected for its inclination. "
-        "The contact radius is √(R δ). The approach at first touch was fitted from the loads (Lee and Radok). "
+        "The contact radius is √(R δ). The approach at first touch was fitted from the loads (Lee and Radok 1960, "
+        "doi:10.1115/1.3644020). "
     )
     if comparison is not None:
         error = float(comparison["nrmse_contact_radius_model"]) * 100

@@ -173,11 +173,11 @@ def written_place(finding: Finding) -> str:
 
 
 def noticed(result: xr.Dataset) -> str:
-    """Say in one line which error of each input the comparison would have shown.
+    """Say in one line which error of each input the comparison would have detected.
 
     Examples
     --------
-    ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Insensitive to: mass."``
+    ``"Smallest error of each input that this comparison would have detected (95 %): height 0.4 % · modulus 2.1 %."``
     """
     units, between = json.loads(result.attrs["units"]), f"{TIED}· "
     values = (result[name].values.tolist() for name in ("detectable", "detectable_error", "input"))
@@ -189,10 +189,9 @@ def noticed(result: xr.Dataset) -> str:
             shown.append(f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}")
         else:
             none.append(shown_source(name))
-    said = f"Errors that would have shown: {between.join(shown) or f'none below 100{TIED}%'}."
-    if not (none and shown):
-        return said
-    return f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
+    said = f"Smallest error of each input that this comparison would have detected (95{TIED}%): "
+    said += f"{between.join(shown) or f'none below 100{TIED}%'}."
+    return said + f" No realistic error would be detected of: {between.join(none)}." * bool(none and shown)
 
 
 def believed(result: xr.Dataset) -> Judgement:
