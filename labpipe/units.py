@@ -131,11 +131,27 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 class Quantity(NamedTuple):
-    """A value with its standard uncertainty, both in SI."""
+    """A value with its standard uncertainty, both in SI; as text for people, ``9.525 mm`` or ``12 ± 0.2 deg``.
+
+    Examples
+    --------
+    >>> print(Quantity(0.009525, 0.0, "m"))
+    9.525 mm
+    """
 
     value: float
     u: float
     si: str
+
+    def __str__(self) -> str:
+        """Write it in the largest multiple by a power of a thousand in which it is at least 1."""
+        names = {unit(name).factor: name for name in spellings(self.si) if name.endswith(self.si.removeprefix("k"))}
+        names = {math.radians(1.0): "deg"} if self.si == "rad" else names or {1.0: self.si}
+        factors = sorted(one for one in names if math.log10(one) % 3 == 0) or list(names)
+        fitting = [one for one in factors if abs(self.value) >= one * (1 - 1e-12) or one == factors[0]]
+        factor = (fitting if self.value else factors)[-1]
+        text = f"{self.value / factor:.6g}" + (f" ± {self.u / factor:.2g}" if self.u else "")
+        return text if names[factor] == "1" else f"{text} {names[factor]}"
 
 
 def quantity(text: str) -> Quantity:

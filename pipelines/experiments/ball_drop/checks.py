@@ -25,7 +25,7 @@ from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
+_SMEARED = "the controller averages or filters the readings over the time of a contact, which smears an impact"
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
@@ -89,9 +89,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
             fall_checks.rest_level(fall),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
         ]
-        for wrong in of_traces:  # lost rows explain their effects
+        for wrong in of_traces:  # lost rows explain their effects, but no contact that lasts longer
             if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-                found = judgements.because(found, wrong.cause, *(c.name for c in found), file=fall.name)
+                is_long = any(c.name == fall_checks.DURATION and c.level and c.log_ratio > 0.0 for c in found)
+                cause = _SMEARED if is_long else wrong.cause
+                found = judgements.because(found, cause, *(c.name for c in found), file=fall.name)
         of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
@@ -100,6 +102,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         replace(c, cause=_OTHERWISE.get(c.name, "")) if c.level and not c.cause and c.name not in named else c
         for c in checks
     ]
+    if any(c.name == HEIGHT and c.is_made and not c.level for c in checks):  # the other repeats fall as far as stated
+        checks = [
+            replace(c, cause=_OF_ANOTHER, file=c.recording, setting="") if c.cause == _OTHERWISE[HEIGHT] else c
+            for c in checks
+        ]
     compared, inputs = given.each([rows]), inputs_of(model)
     if inputs:
         inputs[SCALE] = Quantity(1.0, 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"]), "1")
@@ -128,7 +135,9 @@ def _of_their_files(
         return [check for found in of_falls for check in found]
     everything: list[Check] = []
     for found, (fall, moved) in zip(of_falls, records, strict=True):
-        causes = _causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)])
+        causes = list(_causes(settings, {fall.name: readings.get(fall.name)}, [(fall, moved)]))
+        scaled = judgements.wrong_lengths(f"the gain or display factor of {fall.name} is not that of the other repeats")
+        causes.append(Cause({G: 1.0, HEIGHT: 1.0}, scaled, file=fall.name))
         everything += with_causes(found, explain(found, [c for c in causes if c.file == fall.name]))
     return everything
 
@@ -184,10 +193,12 @@ def _causes(
     # Hertz: t ~ m^0.4 R^-0.2 E^-0.4
     mass = judgements.stated_wrongly({lasts: -0.4}, "the moving mass", sphere.mass, "sphere.mass", "mass")
     radius = judgements.stated_wrongly({lasts: 0.2}, "the radius", sphere.radius, "sphere.radius", "size")
-    yield from (replace(typed, only_usual=True) for typed in (mass, radius))
+    # of a radius by which the sphere would weigh more than all that falls
+    light = (k for k in radius.usual if not fall_checks.body_stated(sphere.radius.value / k, sphere.mass.value).level)
+    yield from (replace(typed, only_usual=True) for typed in (mass, replace(radius, usual=tuple(light))) if typed.usual)
 
     def of_material(k: float) -> str:
-        text = f"the sphere's material is about {in_words(1 / k, 2)} times as stiff as stated, of another material then"
-        return text + _FILTERED * (k > 1.0)
+        text = f"the sphere is about {in_words(1 / k, 2)} times as stiff as stated: of another material or temperature"
+        return text + f"; or {_SMEARED}" * (k > 1.0)
 
     yield Cause({lasts: 0.4}, of_material, setting="sphere")

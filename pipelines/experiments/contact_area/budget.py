@@ -7,7 +7,8 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.shared.budget_quantity import IMPACTS, MEASURED, Quantity, of_simulation
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, of_simulation
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 
 def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None) -> Iterator[Quantity]:

@@ -33,7 +33,7 @@ _METHODS = {
     ),
     2: ("edge", "from the edge of the dark spot"),
     3: ("interpolation between equal frames at rest", "at rest by interpolation between equal frames"),
-    4: ("contact fills the view (no radius)", "without a radius, as the contact fills the view"),
+    4: ("contact fills the view (no radius)", ""),
 }
 """Of each method of a radius, a name and how it reads in a sentence."""
 _AROUND = (
@@ -183,23 +183,19 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
+def _methods(settings: ContactArea, radius: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
-    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code]]
+    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code] and text]
     parts = [f"in {pages.counted(count, 'frame')} {text}" for count, text in used]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
-    text += ". "
     if settings.wavelength is not None and (counts[1] or counts[OPEN_GAP]):
         text += (
-            f"The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
-            "contact with the same gap around it, whether the surfaces stick or not. "
+            f". The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
+            "contact with the same gap around it, whether the surfaces stick or not"
         )
-    if impacts.sizes["impact"]:
-        first = pages.told(impacts, "peak_radius", 0)
-        text += f"The largest radius of the first impact was {first} (standard uncertainty)."
-    return pages.methods(text, settings)
+    return pages.methods(f"{text}.", settings)
 
 
 page = Report(

@@ -31,6 +31,7 @@ beginnings; noise changes them by more."""
 _MOSTLY = 0.5  # of the frames that have no value for one reason
 _GROWS, _IN_NOISE = 2e-3, 10.0
 """Least relative jump of the image's size, and the same in standard deviations of noise."""
+_STAYS = 5  # frames for which a size that has changed remains
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
 _MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
@@ -45,12 +46,12 @@ _FAILED |= {
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
     "(as in a film that was turned or mirrored)",
 }
-FOUND, SIZE = "holder is found", "size of the image"
+FOUND, SIZE, PLACE = "holder is found", "size of the image", "place of the image"
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 TITLES = {
     **judgements.OF_FILM,
     "view of the holder": Title("The holder is found in every frame.", (FOUND,)),
-    "steady view": Title("The size of the holder's image does not jump between frames.", (SIZE,)),
+    "steady view": Title("Size and place of the holder's image do not jump between frames.", (SIZE, PLACE)),
     **fall_checks.OF_FALL,
     "comparison with the laser": Title("Film and laser show drops from one height.", (HEIGHT,)),
 }
@@ -107,6 +108,7 @@ def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iter
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield stated(FOUND, message, level, cause=cause, setting=setting)
     yield _steady(track, film)
+    yield _unbroken(track, film)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
@@ -128,16 +130,34 @@ def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | No
 def _steady(track: xr.Dataset, film: str) -> Check:
     """Look for a size of the holder's image that jumps between two frames, which shifts the image too."""
     body = track.isel(point=0)
-    grown = np.diff(0.5 * (body["stretch_x"].values + body["stretch_y"].values))
+    size = 0.5 * (body["stretch_x"].values + body["stretch_y"].values)
+    grown = np.diff(size)
     noise = 1.4826 * float(np.nanmedian(np.abs(grown))) if np.isfinite(grown).any() else 0.0
     at = int(np.argmax(np.abs(np.nan_to_num(grown))))
-    if not abs(grown[at]) > max(_IN_NOISE * noise, _GROWS):
+    # a view that has changed stays so, a frame that is blurred does not
+    stays = np.nanmedian(size[at + 1 : at + 1 + _STAYS]) - np.nanmedian(size[max(at + 1 - _STAYS, 0) : at + 1])
+    if not min(abs(grown[at]), abs(stays)) > max(_IN_NOISE * noise, _GROWS):
         return stated(SIZE, f"{film}: the size of the image does not jump", None, file=film)
     how, when = "grows" if grown[at] > 0.0 else "shrinks", quantity(float(body["time"][at + 1]), "s")
     text = f"{film}: the holder's image {how} by {100 * abs(grown[at]):.2f} % between two frames at {when}"
     cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
     cause += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     return stated(SIZE, text, "doubtful", cause=cause, file=film)
+
+
+def _unbroken(track: xr.Dataset, film: str) -> Check:
+    """Look for a step of the holder's place: its speed changes twice from one frame to the next, there and back."""
+    body = track.isel(point=0)
+    change = np.diff(body["dy"].values, 2)
+    change[np.diff(track["frame"].values, 2) != 0] = np.nan
+    noise = 1.4826 * float(np.nanmedian(np.abs(change))) if np.isfinite(change).any() else 0.0
+    step = np.where(change[1:] * change[:-1] < 0.0, np.minimum(np.abs(change[1:]), np.abs(change[:-1])), 0.0)
+    at = int(np.argmax(step)) if step.size else 0
+    if not step.size or not step[at] > _IN_NOISE * noise:
+        return stated(PLACE, f"{film}: the place of the image does not jump", None, file=film)
+    text = f"{film}: the holder's image jumps by {step[at]:.2g} px at {quantity(float(body['time'][at + 2]), 's')}"
+    cause = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
+    return stated(PLACE, text, "doubtful", cause=cause, file=film)
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:

@@ -4,8 +4,9 @@ Frequency and damping belong to the plate, so all recordings give the same. The 
 much momentum came: a height or a material that is stated wrongly moves that of its drops alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import repeat
 from math import hypot, inf, log, nan
 from typing import Any
 
@@ -28,6 +29,7 @@ from pipelines.experiments.shared.judgements import Scene, Title
 _MOMENTUM = 0.03
 """Relative standard uncertainty of the momentum of an impact, which goes with 1 + e, for a solid known by its name or
 its DMA."""
+_INTERVAL = 0.05  # relative, within which frequencies differ by a factor of sampling intervals
 _PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
 _MOMENTUM_OF = "momentum of the blow"
 _STATED = (
@@ -80,7 +82,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     checks.append(of_body)
     # what repeats share is taken out: their scatter alone is asked
     rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
-    checks += fall_checks.repeats_agree(list(rings.values()), _OF_ONE_PLATE, _ANOTHER_PLATE)
+    checks += map(
+        _of_interval, repeat(rings), fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE)
+    )
     for drops in settings.drops:
         falls = [rings[name] for name in drops.laser if name in rings]
         checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")
@@ -99,6 +103,20 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
             for c in checks
         ]
     return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
+
+
+def _of_interval(rings: Mapping[str, Fall], check: Check) -> Check:
+    """Give a frequency that is off by a factor of sampling intervals that cause."""
+    if check.level is None or not check.name.endswith("frequency of the plate"):
+        return check
+    others = [ring.value("natural_frequency")[0] for name, ring in rings.items() if name != check.file]
+    ratio = rings[check.file].value("natural_frequency")[0] / float(np.median(others))
+    usual = min(SLIPS["interval"], key=lambda k: abs(log(ratio / k)))
+    if abs(log(ratio / usual)) > _INTERVAL:
+        return check
+    way = "short" if ratio > 1.0 else "long"
+    cause = f"the sampling interval of {check.file} is stated {max(usual, 1 / usual):g} times too {way}"
+    return replace(check, cause=f"{cause}, or that of the other file is wrong" if len(others) == 1 else cause)
 
 
 def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Check:
@@ -137,6 +155,9 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
     count = len(settings.drops)
     weights = np.zeros((count, count)) if table is None or plate is None else from_others(table, plate)[1]
     momenta = [f"{_MOMENTUM_OF}, {drops_label(drops)}" for drops in settings.drops]
+    blows = np.ones(count)
+    if table is not None and plate is not None and "modal_mass" in plate:
+        blows = np.nan_to_num(table["amplitude"].values * plate["modal_mass"].values, nan=1.0)  # go with the momenta
     for i, drops in enumerate(settings.drops):
         by_amplitude = {momenta[j]: 1.0 if j == i else -float(weights[j, i]) for j in range(count)}
         by_height = {name: -0.5 * slope for name, slope in by_amplitude.items()}
@@ -144,4 +165,16 @@ def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateV
         yield judgements.stated_wrongly(by_height, name, drops.height, f"drops[{i}].height", u=inf)
         of_unit = f"the unit or the display factor of {', '.join(drops.laser)} is not what it says"
         place: dict[str, Any] = {"setting": f"drops[{i}].laser"} if len(drops.laser) > 1 else {"file": drops.laser[0]}
-        yield Cause(by_amplitude, judgements.wrong_lengths(of_unit), SLIPS["length"], only_usual=True, **place)
+        usual = SLIPS["length"] + SLIPS["gain"]
+        yield Cause(by_amplitude, judgements.wrong_lengths(of_unit), usual, only_usual=True, **place)
+        for j, other in enumerate(settings.drops[:i]):  # exchanged, each has the blow of the other
+            moved = {name: by_amplitude[name] + float(weights[n, j]) for n, name in enumerate(momenta)}
+            moved[momenta[j]] = by_amplitude[momenta[j]] - 1.0
+            factor = float(blows[j] / blows[i])
+            said = f"the recordings of {drops_label(other)} and {drops_label(drops)} are exchanged"
+
+            def say(_: float, said: str = said) -> str:
+                return said
+
+            if abs(log(factor)) > _MOMENTUM:
+                yield Cause(moved, say, (factor,), only_usual=True, setting=f"drops[{j}].laser")

@@ -166,7 +166,9 @@ def light_of(film: FrameSource) -> str:
 
 def exposed(found: xr.Dataset, film: str) -> Check:
     """Look for grey levels that were cut off."""
-    light = json.loads(found.attrs.get(LIGHT, '{"clipped": 0.0}'))
+    if LIGHT not in found.attrs:
+        return not_made("exposure", "the frames")
+    light = json.loads(found.attrs[LIGHT])
     share = light["clipped"]
     if share < _CLIPPED:
         return stated("exposure", f"{film}: no grey level is cut off", None, file=film)

@@ -17,8 +17,7 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
-from pipelines.experiments.static_loading.load_steps import valid
-from pipelines.experiments.static_loading.measured import spans
+from pipelines.experiments.static_loading.measured import spans, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _STEP_POINTS = 80  # of the simulation in one load step, evenly in the logarithm of time

@@ -9,18 +9,7 @@ from typing import Any
 import xarray as xr
 
 from labpipe.judging import DIFFERS, LIKELY, Check, Finding, Judgement, from_json, in_words
-from labpipe.report import (
-    Block,
-    Column,
-    Details,
-    Notice,
-    Paragraph,
-    Table,
-    difference_unit,
-    quantity,
-    shown_source,
-    value_with_uncertainty,
-)
+from labpipe.report import Block, Column, Details, Notice, Paragraph, Table, difference_unit, quantity, shown_source
 from labpipe.workflow.document import counted
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments.shared.comparison_rows import Row, told_freedom
@@ -126,10 +115,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
 
 
 def _compared(row: Row, among: Sequence[Row]) -> str:
-    seen, expected = (
-        value_with_uncertainty(value or 0.0, u, row.unit) if u else quantity(value or 0.0, row.unit, 4)
-        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
-    )
+    seen, expected, _ = row.texts
     where = ", ".join(filter(None, (row.material, row.condition)))
     which = f" ({where})" * (bool(where) and sum(other.quantity == row.quantity for other in among) > 1)
     size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"

@@ -17,10 +17,9 @@ from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.document import counted
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 
-_LARGE = 1 / 3  # of a stated value, beyond which its uncertainty is doubtful
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
     errors.NO_MATERIAL: "the name of the material is misspelt",
@@ -31,31 +30,31 @@ _USUAL = {
     "readings": _NOT_READ,
     errors.NO_FILM: "the folder is not that of the film, or its images are of a format that is not read",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
-    "of a camera, or a value of it is wrong",
+    "of a camera, or a value of it is wrong; or the clock of the instrument was reset",
 }
 """Most likely fault of a record, by the reason of the error or the step that fails, of many kinds."""
 _SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
 """Setting that mends it, by the reason of the error."""
 
+_LOST = "the file was not copied into the session, or session.toml gives it another name"
 _OF_RUN = (
     "the program did not get through this step, which tells nothing about the record: run it again, and report it if "
     "it happens again"
 )
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
-ANOTHER_VIEW = 3.0
+_ANOTHER_VIEW = 3.0
 """Factor in scale beyond which the record is of another view of the camera."""
-_TILTED = 0.94
-"""Factor by which a camera that is tilted by 20 degrees shortens lengths."""
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
-    """Compare the stated uncertainties of positive quantities with their values."""
+    """Compare the stated uncertainties of positive quantities with their values, lengths more strictly."""
     for setting, value, kind in every_setting(settings):
-        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+        is_positive = mark(kind, Range) == POSITIVE
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
-            text = f"{counted(setting)} is stated as {value_with_uncertainty(*value)}"
-            level: Level | None = "doubtful" if value.u > _LARGE * value.value else None
+            text = f"{counted(setting)} is {value_with_uncertainty(*value)}"
+            share = 1 / 3 if value.si == "m" else 1 / 2
+            level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
             yield stated(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
 
@@ -98,9 +97,10 @@ def failed_steps(
         names_it = not failure.recording or failure.text.startswith(failure.recording)
         where = "" if names_it else f"{failure.recording}: "
         name, text = f"step {failure.stage}", f"{where}{failure.text}"
-        if failure.is_of_run:
-            needs = "a run that gets through this step"
-            found[failure.stage] = Check(name, text, "note", needs=needs, cause=_OF_RUN, is_generic=True)
+        is_lost = failure.reason == errors.MISSING
+        if failure.is_of_run or is_lost:
+            needs, cause = ("this file", _LOST) if is_lost else ("a run that gets through this step", _OF_RUN)
+            found[failure.stage] = Check(name, text, "note", needs=needs, cause=cause, is_generic=True)
             continue
         known, place = _USUAL | dict(causes), (_SETTINGS | dict(settings)).get(failure.reason, "")
         cause, file = known.get(failure.reason) or known.get(failure.stage, ""), failure.recording or ""
@@ -147,8 +147,7 @@ def wrong_scale(effects: Mapping[str, float], record: str, u: float = inf) -> Ca
     """Return the mistake that the scale of a camera's calibration record is wrong."""
 
     def say(factor: float) -> str:
-        why = ", of another view" if abs(log(factor)) > log(ANOTHER_VIEW) else ""
-        why = ", or the camera is tilted" if _TILTED < factor < 1.0 else why
+        why = ", of another view" if abs(log(factor)) > log(_ANOTHER_VIEW) else ""
         return wrong_lengths(f"the scale in {record} is wrong{why}")(factor)
 
     usual = SLIPS["length"] + SLIPS["gain"] + SLIPS["view"]
