@@ -184,8 +184,9 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
     document = {"database": done.path, **members(done, "page", "renewed", "unchanged", "problems")}
     shown = frame
     if not columns and options["table"] == "experiments":
-        keys = (key.title.replace(" ", "_") for kind in KINDS.values() for key in kind.key_numbers)
-        usual = ("session", "experiment", "kind", "state", "believable", "model", "material", "height", *keys)
+        keys = tuple(key.title.replace(" ", "_") for kind in KINDS.values() for key in kind.key_numbers)
+        usual = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
+        usual += tuple(name for name in frame if name.startswith(keys))  # some end with a frequency
         shown = frame[[name for name in dict.fromkeys(usual) if name in frame and frame[name].notna().any()]]
     shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
     style: dict[str, Any] = (
