@@ -269,6 +269,7 @@ def budget_table(
             *(values.get(r["source"]) for values in more.values()),
         )
         for r in rows
+        if not 0.0 < r["share"] < 1e-8  # as good as exact
     ]
     names = map(Column, ("source", "value", "standard uncertainty"))
     contribution = Column("contribution", unit=difference_unit(unit), digits=2)

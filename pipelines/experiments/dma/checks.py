@@ -268,7 +268,7 @@ def _temperatures(export: Export) -> Check:
         np.array([sweep.attrs["temperature"] for sweep in export.sweeps]),
     )
     message, cause = f"{file}: temperatures from {low:.1f} to {high:.1f} °C", "temperatures have another unit (K, °F)"
-    message += "" if reference is None else f", T_ref is {reference.value:g} °C"
+    message += "" if reference is None else f", T_ref is {reference.value:.4g} °C"
     is_far = reference is not None and not low - 30 <= reference.value <= high + 30
     if low > 180.0 and (reference is None or is_far):
         cause = f"temperatures are in K under °C: {low - 273.15:.1f} to {high - 273.15:.1f} °C are meant"

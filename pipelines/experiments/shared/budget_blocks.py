@@ -37,6 +37,8 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
     found = [(each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)) for each, budget in known]
     caption = "After the GUM; repeats are type A with Student's quantile. To see which input to measure better: "
     caption += f"labpipe sensitivity SESSION {experiment}."
+    if any("mode_" in name for each, _ in known for name in each.inputs):
+        caption += " Modes of a DMA are independent combinations of the errors of its spectrum, each of size 1."
     largest = (budget.rows[0] for _, budget in known)
     shares = [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest]
     folded = []

@@ -74,7 +74,8 @@ def _compared(rows: Sequence[Row]) -> Table:
     def shown(value: float | None, u: float | None, unit: str) -> str | None:
         if value is None:
             return None
-        return value_with_uncertainty(value, u, unit) if u else quantity(value, unit)
+        text = value_with_uncertainty(value, u, unit) if u else quantity(value, unit)
+        return text.replace(" ", "\N{NO-BREAK SPACE}")
 
     cells = [
         (
