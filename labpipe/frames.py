@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError, SourceWarning
-from labpipe.notebook import html_table, shown
+from labpipe.notebook import html_table
+from labpipe.units import Quantity
 
 
 class IncompleteFilmWarning(SourceWarning):
@@ -78,7 +79,7 @@ class ShownFrames:
         size = f"film of {len(film)} frames, {rows} rows × {columns} columns"
         if not len(film):
             return size
-        exposure = "" if film.exposure is None else f", exposure {shown(film.exposure[0], 's')}"
+        exposure = "" if film.exposure is None else f", exposure {Quantity(film.exposure[0], 0.0, 's')}"
         return f"{size}, {film.time[0]:.4g} to {film.time[-1]:.4g} s{exposure}"
 
     def _repr_html_(self) -> str:

@@ -24,17 +24,12 @@ def foreign_package(names: Iterable[str]) -> str | None:
     """
     for name in names:
         spec = importlib.util.find_spec(name)
-        if spec is None or spec.origin is None:
-            return (
-                f"the module `{name}` of labpipe is missing or has lost its files: removing another distribution with "
-                "a package of the same name takes them away; install labpipe again, in a separate environment"
-            )
-        get_source = getattr(spec.loader, "get_source", lambda _: "")
-        if _MARK not in (get_source(name) or ""):
-            return (
-                f"the module `{name}` at {spec.origin} is not labpipe's: another distribution has "
-                "installed a package of the same name; use a separate environment for labpipe"
-            )
+        place = None if spec is None else spec.origin
+        source = getattr(spec.loader, "get_source", lambda _: "")(name) if spec is not None and place else ""
+        if _MARK not in (source or ""):
+            what = f"at {place} is not labpipe's" if place else "of labpipe is missing or has lost its files"
+            why = "another distribution has installed or removed a package of the same name"
+            return f"the module `{name}` {what}: {why}; use a separate environment for labpipe, and install it there"
     return None
 
 

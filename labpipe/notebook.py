@@ -2,10 +2,10 @@
 
 import html
 from collections.abc import Iterable, Sequence
-from math import floor, isfinite, log10
 from typing import NamedTuple
 
-_PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
+from labpipe.files import printable
+
 _MOST_ROWS = 30
 """Rows of a text; what is longer is counted."""
 
@@ -60,26 +60,8 @@ def text_table(caption: str, rows: Iterable[Sequence[object]], *, most: int | No
       a.csv     1
       long.csv  2
     """
-    cells = [[_plain(cell) for cell in row] for row in rows]
+    cells = [[printable(str(cell)) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells[:most]]
     more = [] if most is None or len(cells) <= most else [f"  and {len(cells) - most} more"]
-    return "\n".join([_plain(caption), *lines, *more])
-
-
-def shown(value: float, unit: str) -> str:
-    """Write a number of a material with a prefix that leaves one to three digits before the point.
-
-    Examples
-    --------
-    >>> shown(3.2e9, "Pa"), shown(0.0, "Pa"), shown(float("inf"), "Pa")
-    ('3.2 GPa', '0 Pa', 'inf Pa')
-    """
-    if value == 0 or not isfinite(value):
-        return f"{value:g} {unit}"
-    power = min(max(floor(log10(abs(value)) / 3), -3), 3)
-    return f"{value / 10.0 ** (3 * power):.4g} {_PREFIXES[power]}{unit}"
-
-
-def _plain(cell: object) -> str:
-    return "".join(c for c in str(cell) if c.isprintable())
+    return "\n".join([printable(caption), *lines, *more])

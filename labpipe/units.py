@@ -131,11 +131,27 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 class Quantity(NamedTuple):
-    """A value with its standard uncertainty, both in SI."""
+    """A value with its standard uncertainty, both in SI; as text for people, ``9.525 mm`` or ``12 ± 0.2 deg``.
+
+    Examples
+    --------
+    >>> print(Quantity(0.009525, 0.0, "m"))
+    9.525 mm
+    """
 
     value: float
     u: float
     si: str
+
+    def __str__(self) -> str:
+        """Write it in the largest multiple by a power of a thousand in which it is at least 1."""
+        names = {unit(name).factor: name for name in spellings(self.si) if name.endswith(self.si.removeprefix("k"))}
+        names = {math.radians(1.0): "deg"} if self.si == "rad" else names or {1.0: self.si}
+        factors = sorted(one for one in names if math.log10(one) % 3 == 0) or list(names)
+        fitting = [one for one in factors if abs(self.value) >= one * (1 - 1e-12) or one == factors[0]]
+        factor = (fitting if self.value else factors)[-1]
+        text = f"{self.value / factor:.6g}" + (f" ± {self.u / factor:.2g}" if self.u else "")
+        return text if names[factor] == "1" else f"{text} {names[factor]}"
 
 
 def quantity(text: str) -> Quantity:
@@ -176,14 +192,15 @@ Measure = float | str | Quantity
 
 
 def si(given: Measure, unit_of: str, name: str) -> float:
-    """Return an argument in SI: a number in SI, or a text with a unit; an uncertainty after ``±`` is left aside.
+    """Return an argument in SI: a number in SI, or a text with a unit; an uncertainty after ``±`` is refused.
 
     ``unit_of`` is the SI unit of the argument, or several that mean the same, ``"m or m/px"``; ``name`` is that of the
-    argument, for the message. Raises InputError: it is neither, has no unit, or is in the unit of something else.
+    argument, for the message. Raises InputError: it is neither, has no unit, is in the unit of something else, or
+    states an uncertainty, which one computation does not propagate.
 
     Examples
     --------
-    >>> si("9.525 mm", "m", "radius"), si("505 ± 0.5 g", "kg", "mass"), si(0.5, "s", "duration")
+    >>> si("9.525 mm", "m", "radius"), si("505 g", "kg", "mass"), si(0.5, "s", "duration")
     (0.009525, 0.505, 0.5)
     """
     first = unit_of.partition(" or ")[0]
@@ -195,11 +212,16 @@ def si(given: Measure, unit_of: str, name: str) -> float:
         except (TypeError, ValueError):
             raise InputError(f"{name}: {expected}; found {type(given).__name__}") from None
     try:
-        value, _, found = quantity(given) if isinstance(given, str) else given
+        value, u, found = quantity(given) if isinstance(given, str) else given
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
+    text = f'"{given}"' if isinstance(given, str) else f"{value:g} {f'± {u:g} ' if u else ''}{found}"
+    if u > 0.0:
+        raise InputError(
+            f"{name}: {text} states an uncertainty, and one computation does not propagate it; give the value alone. "
+            "A session propagates the uncertainties of its inputs (process, sensitivity), a sweep samples them"
+        )
     if found not in unit_of.split(" or "):
-        text = f'"{given}"' if isinstance(given, str) else f"{value:g} {found}"
         raise InputError(f"{name}: {text} {'has no unit' if found == '1' else f'is in {found}'}; {expected}")
     return value
 

@@ -123,11 +123,10 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
             names = tuple(name for name, *_ in rows if cause.effects.get(name))
             n_u = 0.0 if is_usual else abs(place) / cause.u
             found.append(Explanation(cause, exp(place), names, left - _USUAL * is_usual, n_u))
-    found.sort(key=lambda one: (one.is_last_resort, one.score))
-    # of those that only an error beyond its uncertainty would be, and that explain as much, the smallest error is first
-    is_alike = [one.is_last_resort and one.score <= found[0].score + _ALIKE for one in found]
-    count = is_alike.index(False) if False in is_alike else len(found)
-    return (*sorted(found[:count], key=lambda one: one.n_u), *found[count:])
+    # of errors beyond every uncertainty that explain as much the smallest is first
+    alike = min((one.score for one in found if one.is_last_resort), default=0.0) + _ALIKE
+    scores = [(last := one.is_last_resort, max(one.score, alike) if last else one.score, one.n_u) for one in found]
+    return tuple(found[i] for i in sorted(range(len(found)), key=scores.__getitem__))
 
 
 def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:

@@ -246,18 +246,14 @@ class Section:
     anchor: str | None = None
 
 
-def budget_table(
-    rows: Sequence[Mapping[str, Any]], caption: str, unit: str, columns: Mapping[str, Mapping[str, Any]] | None = None
-) -> tuple[Block, ...]:
+def budget_table(rows: Sequence[Mapping[str, Any]], caption: str, unit: str) -> tuple[Block, ...]:
     """Show the rows of a budget, with their shares of the variance, as a table; nothing without a row.
 
-    ``rows``: as :func:`labpipe.uncertainty.budget_rows` makes them; ``unit``: SI unit of the result; ``columns``:
-    further cells by column and source.
+    ``rows``: as :func:`labpipe.uncertainty.budget_rows` makes them; ``unit``: SI unit of the result.
     """
     if not rows:
         return ()
-    kinds = {"kind": {r["source"]: r["kind"] for r in rows}} if any(r["kind"] for r in rows) else {}
-    more = kinds | dict(columns or {})
+    kind = [Column("kind")] * any(r["kind"] for r in rows)
     cells = [
         (
             shown_source(r["source"]),
@@ -266,7 +262,7 @@ def budget_table(
             r["sensitivity"],
             r["contribution"],
             100.0 * r["share"],
-            *(values.get(r["source"]) for values in more.values()),
+            *([r["kind"]] * len(kind)),
         )
         for r in rows
         if not 0.0 < r["share"] < 1e-8  # as good as exact
@@ -274,7 +270,7 @@ def budget_table(
     names = map(Column, ("source", "value", "standard uncertainty"))
     contribution = Column("contribution", unit=difference_unit(unit), digits=2)
     numbers = (Column("sensitivity, SI", digits=3), contribution, Column("share of the variance", "%", digits=2))
-    return (Table((*names, *numbers, *map(Column, more)), cells, caption=caption, sortable=False),)
+    return (Table((*names, *numbers, *kind), cells, caption=caption, sortable=False),)
 
 
 def difference_unit(unit: str) -> str:

@@ -17,7 +17,7 @@ from labpipe.signals._derivative import checked_record
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import LABELS, OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import Colour, corner_in_flight, excess_of_rate
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight, u_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -32,7 +32,7 @@ from labpipe.signals._reversals import (
     flights_after,
 )
 from labpipe.signals._shape_prior import PRIORS, SHAPE, Floor, ShapePrior
-from labpipe.signals._smoothing_spline import Smooth, evaluate, smooth
+from labpipe.signals._smoothing_spline import smooth
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import variable, with_u
 
@@ -161,7 +161,7 @@ def _measured(
     )
     counts = {
         "samples": len(time),
-        "band_solves": motion.fit.n_updates,
+        "band_solves": motion.n_solves,
         "impact_evaluations": sum(impact.n_evaluations for impact in impacts),
     }
     result.attrs = {"direction": direction, "noise": sigma, "work": json.dumps(counts)}
@@ -173,7 +173,7 @@ def _measured(
 class _Motion(NamedTuple):
     """A record as its smoothing spline follows it; the speed counts upwards."""
 
-    fit: Smooth
+    n_solves: int
     direction: int
     speed: Floats
     u_speed: Floats
@@ -182,15 +182,15 @@ class _Motion(NamedTuple):
 
 def _followed(time: Floats, values: Floats, sigma: float) -> _Motion:
     """Follow a record and find its turns."""
-    fit = smooth(time, values, sigma)
+    fit = smooth(time, values, sigma, 2)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
-    (_, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
+    (_, speed, acceleration), (u_level, u_speed, u) = fit.value, fit.u
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, u_level, (speed, u_speed)))
+    u_speed = u_of_rate(values, sigma, u_level, (speed, u_speed))
     speed *= direction
-    return _Motion(fit, direction, speed, u_speed, find_turns(time, speed, u_speed))
+    return _Motion(fit.n_solves, direction, speed, u_speed, find_turns(time, speed, u_speed))
 
 
 def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:

@@ -19,10 +19,10 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
 from labpipe.signals._noise import Noise, estimate_noise
-from labpipe.signals._noise_spectrum import excess_of_rate
+from labpipe.signals._noise_spectrum import u_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
-from labpipe.signals._smoothing_spline import evaluate, smooth
+from labpipe.signals._smoothing_spline import Cuts, smooth
 from labpipe.units import Measure, si
 from labpipe.variables import described
 
@@ -99,7 +99,6 @@ def velocity(
     """
     record = _displacement_of(displacement)
     time, values = checked_record(record)
-    hum = None
     if events is not None and method == "spline":
         hum = Hum.of_text(events.attrs.get("hum"))
         taken = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
@@ -182,9 +181,7 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
     return [float(time) for time in found]
 
 
-def _spline(
-    t: Floats, y: Floats, sigma: float, cuts: tuple[list[float], list[float]]
-) -> tuple[Floats, Floats, dict[str, Any]]:
+def _spline(t: Floats, y: Floats, sigma: float, cuts: Cuts) -> tuple[Floats, Floats, dict[str, Any]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     if sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
@@ -194,10 +191,10 @@ def _spline(
     if n_spikes:
         warnings.warn(wild.message(t), UserWarning, stacklevel=3)
     kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
-    fit = smooth(t[kept], y[kept], sigma, *cuts)
-    (_, u_level), (v, u) = evaluate(fit, t, 0, 1)
-    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], sigma, u_level[kept], (v[kept], u[kept])))
-    counts = {"samples": len(t), "coefficients": len(fit.coefficients), "band_solves": fit.n_updates}
+    fit = smooth(t[kept], y[kept], sigma, 1, cuts, t)
+    (_, v), (u_level, u) = fit.value, fit.u
+    u[kept] = u_of_rate(y[kept], sigma, u_level[kept], (v[kept], u[kept]))
+    counts = {"samples": len(t), "coefficients": fit.n_coefficients, "band_solves": fit.n_solves}
     return v, u, {"n_spikes": n_spikes, "work": json.dumps(counts)}
 
 

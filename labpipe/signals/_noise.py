@@ -22,9 +22,8 @@ _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise
 class Noise(NamedTuple):
     """Standard deviation of the noise as a smoother sees it.
 
-    ``sigma`` is the level of white noise with the same power at low frequency; ``step`` the
-    quantisation found (0 when none); ``block`` the number of samples over which the noise is
-    correlated (1 = white).
+    ``sigma`` is the level of white noise with the same power at low frequency; ``step`` the quantisation found (0 when
+    none); ``block`` the number of samples over which the noise is correlated (1 = white).
     """
 
     sigma: float
@@ -49,9 +48,8 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     themselves when there is none; at least ``step / sqrt(12)``, the standard deviation of rounding, or 1e-9 of the
     range.
     """
-    step = quantisation_step(values)
-    resolution = 4.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
-    floor = max(step / sqrt(12.0), resolution, _DYNAMIC_RANGE * float(np.ptp(values)))
+    step, low, high = quantisation_step(values), float(np.min(values)), float(np.max(values))
+    floor = max(step / sqrt(12.0), 4.0 * float(np.finfo(float).eps) * max(high, -low), _DYNAMIC_RANGE * (high - low))
     if time is not None and np.ptp(interval := np.diff(time)) < 1e-3 * np.min(interval):
         time = None
     levels: list[float] = []
@@ -76,7 +74,8 @@ def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     if order < 1:
         return 0.0
     if time is None:
-        return deviation(np.diff(values, order) / sqrt(comb(2 * order, order)))
+        binomial = [(-1.0) ** k * comb(order, k) for k in range(order + 1)]
+        return deviation(np.correlate(values, binomial)) / sqrt(comb(2 * order, order))
     # Divided differences, scaled so that white noise keeps its level.
     t, y = (np.lib.stride_tricks.sliding_window_view(each, order + 1) for each in (time, values))
     t = (t - t[:, :1]) / (t[:, -1:] - t[:, :1])
@@ -100,11 +99,11 @@ def quantisation_step(values: Floats) -> float:
     differences = np.abs(values[1::some] - values[:-1:some])
     # What is smaller is rounding of floating-point arithmetic on top of the step.
     positive = differences[differences > 16.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))]
-    if len(positive) < 8:
+    near = positive[positive < 1.5 * float(np.min(positive, initial=np.inf))]
+    if len(positive) < 8 or len(near) < 3:
         return 0.0
-    near = positive[positive < 1.5 * float(np.min(positive))]
     step = float(np.median(near))
     ratio = positive[positive < 20.0 * step] / step
     has_variety = len(positive) < len(differences) or float(np.ptp(ratio)) > 0.5
-    is_rounded = len(near) >= 3 and has_variety and float(np.mean(np.abs(ratio - np.round(ratio)) < 0.05)) >= 0.9
+    is_rounded = has_variety and float(np.mean(np.abs(ratio - np.round(ratio)) < 0.05)) >= 0.9
     return step if is_rounded else 0.0

@@ -16,7 +16,8 @@ from scipy import fft
 from labpipe.arrays import Floats
 from labpipe.signals._hum import Hum, Stretch
 
-_SIZES = (512, 256)  # samples of the stretches in which a parabola is tried, the longest first
+# Orthonormal parabolas over stretches of these numbers of samples, the longest of which are tried first.
+_PARABOLAS = [np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, size), 3, increasing=True))[0] for size in (512, 256)]
 _FOLLOWS = 2.0  # mean square of the residuals, in units of the white noise, below which a stretch follows it
 _LOW_SHARE = 8  # share of the lowest frequencies that are compared
 _CORNERS = np.concatenate([[0.0], np.geomspace(1e-4, 0.5, 100)])  # in units of the sampling rate
@@ -33,33 +34,40 @@ class Colour(NamedTuple):
 WHITE = Colour()
 
 
-def excess_of_rate(values: Floats, sigma: float, u_level: Floats, rate: tuple[Floats, Floats]) -> Floats:
-    """Return the standard uncertainty (n,) of a spline's rate by noise that is not white.
+def u_of_rate(values: Floats, sigma: float, u_level: Floats, rate: tuple[Floats, Floats]) -> Floats:
+    """Return the standard uncertainty (n,) of a spline's rate, that by noise that is not white included.
 
     ``values`` (n,) have a white noise of ``sigma``; ``u_level`` is that of the spline by that noise, ``rate`` its rate
     with u. In stretches that follow a parabola the rate is a straight line but for noise: the median of its
-    variance about one, beyond that by white noise, counts everywhere, and in proportion where the spline passes higher
-    frequencies. It is zero where no stretch follows a parabola.
+    variance about one, beyond that by white noise, is added everywhere, and in proportion where the spline passes
+    higher frequencies. Nothing is added where no stretch follows a parabola.
     """
-    share, taken = (u_level / sigma) ** 2, np.zeros(values.size)
+    is_new = np.ones(values.size, bool)
     beyond, passed = [np.zeros(0)], [np.zeros(0)]
-    for size in _SIZES:
+    for basis in _PARABOLAS:
+        size = len(basis)
         part = slice(values.size // size * size)
-        y, v, u, of_noise, known = (each[part].reshape(-1, size) for each in (values, rate[0], rate[1], share, taken))
-        basis = np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, size), 2))[0]
-        left = y - y[:, :1]
-        left = left - left @ basis @ basis.T
-        fits = (np.mean(left**2, axis=1) < _FOLLOWS * sigma**2) & (known[:, 0] == 0.0)
-        known[fits] = 1.0
-        parameters = np.maximum(np.sum(of_noise[fits], axis=1), 1.0)  # of the spline, of which a line takes two
-        about = v[fits] - v[fits] @ basis[:, :2] @ basis[:, :2].T
+        y, v, u, level, new = (each[part].reshape(-1, size) for each in (values, *rate, u_level, is_new))
+        rows = np.flatnonzero(new[:, 0])
+        rows = rows[_about(y[rows], basis) < _FOLLOWS * sigma**2]
+        new[rows] = False
+        # the parameters of the spline, of which a line takes two
+        parameters = np.maximum(np.sum((level[rows] / sigma) ** 2, axis=1), 1.0)
         free = np.maximum(parameters - 2.0, 1.0) / parameters
-        beyond.append(np.mean(about**2, axis=1) / free - np.mean(u[fits] ** 2, axis=1))
+        beyond.append(_about(v[rows], basis[:, :2]) / free - np.mean(u[rows] ** 2, axis=1))
         passed.append(parameters / size)
     variances = np.concatenate(beyond)
     if not variances.size or (usual := float(np.median(variances))) <= 0.0:
-        return np.zeros(values.size)
-    return np.sqrt(usual) * np.maximum(share / float(np.median(np.concatenate(passed))), 1.0)
+        return rate[1]
+    share = u_level**2 / (sigma**2 * float(np.median(np.concatenate(passed))))
+    return np.asarray(np.sqrt(rate[1] ** 2 + usual * np.maximum(share, 1.0) ** 2))
+
+
+def _about(stretches: Floats, basis: Floats) -> Floats:
+    """Return the mean square of each stretch (stretch, n) about its polynomial of a basis (n, term)."""
+    left = stretches - stretches[:, :1]
+    left -= left @ basis @ basis.T
+    return np.asarray(np.einsum("ij,ij->i", left, left) / len(basis))
 
 
 def corner_in_flight(time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch]) -> float:

@@ -8,14 +8,12 @@ and the first and last reading of a contact continue the readings outside; both 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.signals._noise import estimate_noise
 
 LONGEST_RUN = 10  # readings of one run that are left out; a longer interruption hides motion
 _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
-Indices = NDArray[np.int64]
 
 
 class Outliers(NamedTuple):
@@ -106,14 +104,14 @@ def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> list[int]:
     return taken
 
 
-def _above(away: Floats, sigma: float) -> Indices:
-    """Return which distances exceed the noise, and the median of those around as well."""
+def _above(away: Floats, sigma: float) -> Integers:
+    """Return which distances exceed the noise and the median of those around, so more than half of them."""
     places = np.flatnonzero(away > _THRESHOLD * sigma)
     found = []
     for some in np.array_split(places, places.size // 4096 + 1):
         near = np.abs(some[:, None] + np.arange(-2 * _NEIGHBOURS, 2 * _NEIGHBOURS + 1))
         near = np.clip(away.size - 1 - np.abs(away.size - 1 - near), 0, None)  # mirrored at both ends
-        found.append(some[away[some] > _THRESHOLD * np.median(away[near], axis=1)])
+        found.append(some[np.sum(away[some, None] > _THRESHOLD * away[near], axis=1) > 2 * _NEIGHBOURS])
     return np.concatenate(found)
 
 

@@ -1,8 +1,8 @@
 """The free ringing after an impact: a damped oscillation between two impacts.
 
-A plate that is struck moves with the impact, rings freely, and is struck again by the next bounce.
-Only the free stretch is one damped oscillation: it grows, block by block, as long as the oscillation fitted so far
-predicts the next block to within the noise.
+A plate that is struck moves with the impact, rings freely, and is struck again by the next bounce. Only the free
+stretch is one damped oscillation: it grows, block by block, as long as the oscillation fitted so far predicts the next
+block to within the noise.
 """
 
 from dataclasses import replace

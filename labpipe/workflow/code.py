@@ -11,6 +11,7 @@ import importlib.metadata
 import importlib.util
 import os
 import time
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -49,11 +50,14 @@ def behind(*names: str) -> dict[str, str | None]:
     return dict(sorted(packages.items())) | {f"{name} (library)": version(name) for name in LIBRARIES}
 
 
-def refuse_changed() -> None:
-    """Refuse to go on where a source file was changed since this process may have loaded it.
+def refuse_changed(function: str, known: Mapping[str, str | None]) -> None:
+    """Refuse a result where the code behind its function is not that of the plan, or may not be what was loaded.
 
-    Raises InstallationError: with the file.
+    Raises InstallationError: with the function, or with the file that was changed.
     """
+    if behind(function) != known:
+        text = "files of the program were changed while it ran, or are others on this machine; start it again"
+        raise InstallationError(f"{function}: {text}")
     for path, (before, _) in _seen.items():
         try:
             now = Path(path).stat().st_mtime_ns

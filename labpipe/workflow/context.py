@@ -1,25 +1,23 @@
 """The part of a run that a page receives, and the counts of work done and skipped behind it.
 
-A stage leaves counts in the attribute ``work`` of its result, as JSON text. A count whose name
-begins like one that ends in ``_total`` is a part of it: ``frames_read`` of ``frames_total``.
+A stage leaves counts in the attribute ``work`` of its result, as JSON text. A count is a part of the total with its
+name, ``history_samples`` of ``history_samples_total``, or all of it but the last word, ``frames_read`` of
+``frames_total``.
 """
 
 import json
-import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from labpipe.errors import NO_INPUT, InputError
+import msgspec
 
-_TOTAL = "_total"
+from labpipe.errors import NO_INPUT, InputError
 
 
 class LedgerRow(NamedTuple):
-    """One count of one stage, summed over its recordings.
-
-    ``skipped`` is the part of the total that was not needed; None when no total is known.
-    """
+    """One count of one stage, summed over its recordings; ``skipped`` is the rest of its total, where that is known."""
 
     experiment: str
     stage: str
@@ -40,41 +38,29 @@ def counts(work: Any) -> dict[str, float | int]:
     {'frames_read': 10, 'frames_total': 100}
     """
     try:
-        found = json.loads(work) if isinstance(work, str) else dict(work or {})
-        if any(isinstance(value, bool | str) or not math.isfinite(value) for value in found.values()):
-            raise ValueError("not a finite number")
-    except (ValueError, TypeError, AttributeError):
+        text = work if isinstance(work, str) else json.dumps(work or {}, allow_nan=False, default=int)  # of NumPy
+        found = msgspec.json.decode(text, type=dict[str, int | float])
+    except (msgspec.DecodeError, ValueError, TypeError):
         raise InputError(f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}') from None
-    # numpy's integers become Python's
-    plain = {str(name): int(value) if float(value).is_integer() else float(value) for name, value in found.items()}
-    return {name: value for name, value in plain.items() if name != "seconds"}
+    return {name: value for name, value in found.items() if name != "seconds"}
 
 
 def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tuple[LedgerRow, ...]:
-    """Sum counts into rows.
-
-    ``work`` has (experiment, stage, counts) of each result; rows stand in the order in which experiments, stages and
-    counts appear first.
+    """Sum the counts of results, each with its experiment and stage, into rows in the order in which they appear.
 
     Examples
     --------
     >>> summarise([("a", "dic", {"frames_read": 10, "frames_total": 100})])
     (LedgerRow(experiment='a', stage='dic', name='frames_read', done=10, skipped=90),)
     """
-    sums: dict[tuple[str, str], dict[str, float | int]] = {}
+    sums: Counter[tuple[str, str, str]] = Counter()
     for experiment, stage, found in work:
-        target = sums.setdefault((experiment, stage), {})
-        for name, value in found.items():
-            target[name] = target.get(name, 0) + value
+        sums.update({(experiment, stage, name): value for name, value in found.items()})
     rows = []
-    for (experiment, stage), found in sums.items():
-        for name, done in found.items():
-            if name.endswith(_TOTAL):
-                continue
-            # the total that a count is a part of: the longest one whose name it begins with
-            bases = [n.removesuffix(_TOTAL) for n in found if n.endswith(_TOTAL)]
-            fitting = [base for base in bases if name == base or name.startswith(base + "_")]
-            total = found[max(fitting, key=len) + _TOTAL] if fitting else None
+    for (experiment, stage, name), done in sums.items():
+        totals = (sums.get((experiment, stage, f"{one}_total")) for one in (name, name.rpartition("_")[0]))
+        total = next((one for one in totals if one is not None), None)
+        if not name.endswith("_total"):
             rows.append(LedgerRow(experiment, stage, name, done, None if total is None else total - done))
     return tuple(rows)
 

@@ -16,14 +16,11 @@ LABORATORY = "laboratory.toml"
 """Name of the laboratory's file, and first key of its places in the document of a session that refers to it."""
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
-_BARE = re.compile(r"[\w-]+")
-"""A key that TOML takes without quotation marks (and letters of any language, for reading)."""
-_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
-_TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
+_TOO_DEEP = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
 """A dotted key deeper than that: the time that the parser takes grows with the square of it."""
 _TOKEN = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[ \t]+|\n|[\[\]{}=,.]|'
-    r'[^\s\[\]{}=,.#"\']+',
+    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[ \t]+|[\n\[\]{}=,]|'
+    r'[^\s\[\]{}=,#"\']+(?: \d\d:[^\s\[\]{}=,#"\']+)?',  # the latter is the time of a day
     re.DOTALL,
 )
 
@@ -33,28 +30,16 @@ Place = tuple[str | int, ...]
 
 @dataclass(slots=True)
 class Document:
-    """A TOML file as a tree, with the line of every value, and of the mistakes found so far.
-
-    ``origin`` has where values were written that stand at their places from another table, such as defaults.
-    """
+    """A TOML file as a tree, with the line of every value, and of the mistakes found so far."""
 
     path: Path
     tree: dict[str, Any]
     lines: dict[Place, int]
     problems: dict[str, int] = field(default_factory=dict)
-    origin: dict[Place, Place] = field(default_factory=dict)
-
-    def written(self, place: Place) -> Place:
-        """Return where a value was written: at its own place, or in the table it was taken from."""
-        ends = (n for n in range(len(place), 0, -1) if place[:n] in self.origin)
-        return next(((*self.origin[place[:n]], *place[n:]) for n in ends), place)
 
     def line(self, place: Place) -> int:
-        """Line of a value as it was written, or of the nearest table around it."""
-        place = self.written(place)
-        while place not in self.lines:
-            place = place[:-1]
-        return self.lines[place]
+        """Line of a value, or of the nearest table around it."""
+        return next(self.lines[place[:n]] for n in range(len(place), -1, -1) if place[:n] in self.lines)
 
     def report(self, place: Place, message: str) -> None:
         """Note a mistake once."""
@@ -62,10 +47,8 @@ class Document:
 
     def at(self, place: Place, message: str) -> str:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
-        place = self.written(place)
         name, own = (LABORATORY, place[1:]) if place[:1] == (LABORATORY,) else (self.path.name, place)
-        shown = f"{dotted(own)}: " if own else ""
-        return f"{name}:{self.line(place)}: {shown}{message}"
+        return ": ".join((f"{name}:{self.line(place)}", *([counted(dotted(own))] if own else ()), message))
 
     def finish(self) -> None:
         """Raise ConfigError with every mistake in the order of its line, if there is any."""
@@ -75,8 +58,13 @@ class Document:
 
 def dotted(place: Place) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
-    names = (f"[{k}]" if isinstance(k, int) else f".{k}" if _BARE.fullmatch(k) else f'."{k}"' for k in place)
+    names = (f"[{k}]" if isinstance(k, int) else f".{k}" if re.fullmatch(r"[\w-]+", k) else f'."{k}"' for k in place)
     return "".join(names).removeprefix(".")
+
+
+def counted(dotted: str) -> str:
+    """Write a dotted place as people count: ``drops[0].height`` as ``drops no. 1, height``."""
+    return re.sub(r"\[(\d+)\](\.?)", lambda n: f" no. {int(n[1]) + 1}{', ' if n[2] else ''}", dotted)
 
 
 def parse(path: Path, text: str | None = None) -> Document:
@@ -89,61 +77,56 @@ def parse(path: Path, text: str | None = None) -> Document:
     def refuse(at: int | str, message: str) -> ConfigError:
         return ConfigError([f"{path.name}:{at}: {message}"])
 
-    if text is None:
-        try:
+    too_deep = f"nested deeper than {DEEPEST} levels; flatten it"
+    try:
+        if text is None:
             if (size := path.stat().st_size) > LARGEST_FILE:
                 most = f"more than the {LARGEST_FILE} that a configuration may have"
                 raise refuse(1, f"{size} bytes long, {most}; is it the right file?")
-            data = path.read_bytes()
-            text = data.decode("utf-8-sig")
-        except OSError as error:
-            raise SourceError(path, f"cannot be read: {error.strerror}") from error
-        except UnicodeDecodeError as error:
-            line = data.count(b"\n", 0, error.start) + 1
-            raise refuse(line, f"byte {data[error.start]:#04x} is not UTF-8; save the file as UTF-8") from None
-    text = text.replace("\r\n", "\n")
-    if (deep := _TOO_DEEP.search(text)) is not None:
-        line = text.count("\n", 0, deep.start()) + 1
-        raise refuse(line, f"nested deeper than {DEEPEST} levels; flatten it")
-    try:
+            text = path.read_bytes().decode("utf-8-sig")
+        text = text.replace("\r\n", "\n")
+        if (deep := _TOO_DEEP.search(text)) is not None:
+            raise refuse(text.count("\n", 0, deep.start()) + 1, too_deep)
         tree = tomllib.loads(text)
+    except OSError as error:
+        raise SourceError(path, f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        byte = error.object[error.start]
+        raise refuse(line, f"byte {byte:#04x} is not UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise refuse(*_syntax_problem(text, str(error))) from None
+        raise refuse(*_syntax_problem(str(text), str(error))) from None
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise refuse(1, f"cannot be read as TOML: {error}") from None
+    nodes = list(placed(tree))
+    if max(len(place) for place, _ in nodes) > DEEPEST:
+        raise refuse(1, too_deep)
     document = Document(path, tree, line_index(text))
-    for place, node in placed(tree):
-        if len(place) > DEEPEST:
-            raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
+    for place, node in nodes:
         if isinstance(node, float) and not math.isfinite(node):
             document.report(place, f"expected a finite number, found {node}")
     return document
 
 
+_ADVICE = "a text stands in quotation marks, a date reads 2026-01-31, a list stands in brackets"
+_SYNTAX = {
+    "Cannot": "a key or table is given twice ({}); remove one",
+    "Illegal character '\\n'": "a text is not closed; expected a quotation mark before the line ends",
+    "Expected newline or end of document": f"expected the end of the line after a value; {_ADVICE}",
+    "Invalid value": f"expected a value; {_ADVICE}",
+}
+"""Beginnings of messages of tomllib, and the same for a person."""
+
+
 def _syntax_problem(text: str, message: str) -> tuple[int | str, str]:
     """Turn ``Cannot overwrite a value (at line 5, column 3)`` into the place and words for a person."""
-    problem, _, place = message.rpartition(" (at ")
-    words = place.rstrip(")").replace(",", "").split()
-    if problem.startswith(("Cannot overwrite a value", "Cannot declare")):
-        problem = f"a key or table is given twice ({problem}); remove one"
-    if len(words) != 4 or words[0] != "line":  # the only other place is "at end of document"
-        return text.rstrip("\n").count("\n") + 1, problem or message
-    line = [*text.splitlines(), ""][int(words[1]) - 1].strip()
-    problem = next((said for begin, said in _SYNTAX.items() if problem.startswith(begin)), problem)
-    return f"{words[1]}:{words[3]}", f"{problem}; found: {line[:60]}"
-
-
-_SYNTAX = {
-    "Illegal character '\\n'": "a text is not closed; expected a quotation mark before the line ends",
-    "Expected newline or end of document": "expected the end of the line after a value; a text "
-    "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets",
-    "Invalid value": "expected a value: a text in quotation marks, a number, true, false, a date "
-    "such as 2026-01-31, or a list in brackets",
-    "Expected '=' after a key": "expected = after the name of a key",
-    "Invalid statement": "expected a key, a table in brackets, or a remark after #",
-}
-"""Messages of tomllib, and the same for a person."""
+    problem, _, place = message.removesuffix(")").rpartition(" (at ")
+    said = next((said for begin, said in _SYNTAX.items() if problem.startswith(begin)), "{}").format(problem)
+    if (at := re.fullmatch(r"line (\d+), column (\d+)", place)) is None:  # the only other place is "end of document"
+        return text.rstrip("\n").count("\n") + 1, said
+    line = [*text.splitlines(), ""][int(at[1]) - 1].strip()
+    return f"{at[1]}:{at[2]}", f"{said}; found: {line[:60]}"
 
 
 def placed(tree: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
@@ -154,18 +137,15 @@ def placed(tree: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
         yield from placed(child, (*place, key))
 
 
-def nodes(tree: Any) -> Iterator[Any]:
-    """Yield a tree and all that is in it."""
-    return (node for _, node in placed(tree))
-
-
-# --- lines, which the standard parser does not say -----------------------------------------------
+def texts_in(tree: Any) -> Iterator[str]:
+    """Yield the texts in a tree."""
+    return (node for _, node in placed(tree) if isinstance(node, str))
 
 
 def line_index(text: str) -> dict[Place, int]:
-    r"""Map the place of every key and array item to its line, counted from 1; the empty place is line 1.
+    r"""Map the place of every key and array item to its line, counted from 1, which the standard parser does not say.
 
-    The text is one that :mod:`tomllib` has accepted.
+    The empty place is line 1. The text is one that :mod:`tomllib` has accepted.
 
     Examples
     --------
@@ -173,44 +153,54 @@ def line_index(text: str) -> dict[Place, int]:
     4
     """
     lines: dict[Place, int] = {(): 1}
-    tables: dict[Place, int] = {}  # number of the last table of each array of tables
-    inside: list[tuple[Place, int | None]] = []  # tables and lists around a value, and the position in a list
-    here, place = Place(), Place()
-    keys: list[str] = []
-    state, brackets, line = "key", 0, 1
-    for part in _TOKEN.findall(text):
-        at = line
-        line += part.count("\n")
-        if part[0] in "# \t" or (part == "\n" and inside):
-            continue
-        if part == "\n":
-            state, keys, brackets = "key", [], 0
-        elif state == "key" and (part == "=" or (part == "]" and not inside)):  # the end of a key, or of a header
-            place = inside[-1][0] if inside else () if brackets else here
-            for number, key in enumerate(keys, 1):
-                place = (*place, key)
-                lines.setdefault(place, at)
-                if brackets == 2 and number == len(keys):
-                    tables[place] = tables.get(place, -1) + 1
-                place = (*place, tables[place]) if place in tables else place
-            lines[place] = at
-            here, state = (place, "done") if brackets else (here, "value")
-        elif state == "key" and part == "[":
-            brackets += 1
-        elif state == "value" and part != "]":
-            if inside and inside[-1][1] is not None:
-                place = (*inside[-1][0], inside[-1][1])
-                lines[place] = at
-            if part in "[{":
-                inside.append((place, 0 if part == "[" else None))
-            state, keys = {"[": "value", "{": "key"}.get(part, "done"), []
-        elif part in "]}" and inside:
-            place, _ = inside.pop()
-            state = "done"
-        elif part == "," and state == "done":
-            place, position = inside.pop()
-            inside.append((place, None if position is None else position + 1))
-            state, keys = "key" if position is None else "value", []
-        elif state == "key" and part != ".":
-            keys.append(part if _BARE.fullmatch(part) else next(iter(tomllib.loads(f"{part} = 0"))))
+    last: dict[Place, int] = {}  # number of the last table of each array of tables
+
+    def tokens() -> Iterator[tuple[str, int]]:
+        line = 1
+        for part in _TOKEN.findall(text):
+            if part[0] not in "# \t":
+                yield part, line
+            line += part.count("\n")
+
+    rest = tokens()
+
+    def key(place: Place, line: int, begin: str, end: str) -> Place:
+        """Read a key, note the tables on its way, and return its place."""
+        written = begin
+        while (part := next(rest)[0]) != end:
+            written += part
+        node = tomllib.loads(f"{written} = 0")
+        while node:
+            ((name, node),) = node.items()
+            lines.setdefault(place := (*place, name), line)
+            if node and place in last:
+                place = (*place, last[place])
+        return place
+
+    def value(place: Place, begin: tuple[str, int]) -> None:
+        """Read a value, and note the lines of all that is in it."""
+        lines[place], number = begin[1], 0
+        for part, line in rest if begin[0] in "[{" else ():
+            if part in "]}":
+                break
+            number += part == ","
+            if part in "\n,":
+                continue
+            if begin[0] == "[":
+                value((*place, number), (part, line))
+            else:
+                value(key(place, line, part, "="), next(rest))
+
+    here = Place()
+    for part, line in rest:
+        if part == "[":
+            begin = next(rest)[0]
+            here = key((), line, begin.removeprefix("["), "]")
+            if begin == "[":
+                next(rest)
+                last[here] = last.get(here, -1) + 1
+            here = (*here, last[here]) if here in last else here
+            lines[here] = line
+        elif part != "\n":
+            value(key(here, line, part, "="), next(rest))
     return lines

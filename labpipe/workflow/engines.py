@@ -1,8 +1,9 @@
 """Calls side by side: in this process, in a pool of local processes, or on a Dask cluster.
 
-A :class:`Crew` is given one :class:`Call` after the other and answers each; behind it is an executor of
-:mod:`concurrent.futures`. Local processes compute on one thread each, so that an answer does not depend on their
-number, and end with the crew. A process that dies breaks the pool, and a new one is started.
+A :class:`Crew` is given one call after the other and answers each; behind it is an executor of
+:mod:`concurrent.futures`. A call is a function without arguments that can be pickled, as :func:`functools.partial` is.
+Local processes compute on one thread each, so that an answer does not depend on their number, and end with the crew. A
+process that dies breaks the pool, and a new one is started.
 """
 
 import contextlib
@@ -18,15 +19,15 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessP
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
 from labpipe.errors import InputError, LabpipeError, UsageError
 
 Key = TypeVar("Key")
+Call = Callable[[], Any]
 
-_MOMENT = 0.1
-"""s: how often a crew that waits lets its owner see to other things."""
 _ENVIRONMENT = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")} | {
     "VECLIB_MAXIMUM_THREADS": "1",
     "OPENCV_FOR_THREADS_NUM": "1",
@@ -41,32 +42,16 @@ class Died(Exception):  # noqa: N818 (an observation about another process)
     """A process ended before it answered."""
 
 
-@dataclass(frozen=True, slots=True)
-class Call:
-    """One call of a function, ``module:function``, imported where it runs, with arguments that can be pickled.
-
-    ``imports`` are modules that local processes load once for all; those of the first call of a program count.
-    """
-
-    function: str
-    arguments: tuple[Any, ...]
-    imports: tuple[str, ...] = ()
-
-    def run(self) -> Any:
-        """Call the function here."""
-        module, _, name = self.function.partition(":")
-        return getattr(importlib.import_module(module), name)(*self.arguments)
-
-
 @dataclass(slots=True)
 class Crew:
     """The calls under way, by the keys under which they were given.
 
-    ``start`` returns the future of a call, ``size`` how many may be under way at once. A call that was under way when
-    a local process died is tried once more, in a process of its own; after a second death its answer is :class:`Died`.
+    ``start`` returns the future of a call, ``size`` how many may be under way at once. ``imports`` are modules that
+    local processes load once for all; those of the first call of a program count. A call that was under way when a
+    local process died is tried once more, in a process of its own; after a second death its answer is :class:`Died`.
     """
 
-    start: Callable[[Call], "Future[Any]"]
+    start: Callable[[Call, Sequence[str]], "Future[Any]"]
     size: Callable[[], int]
     under_way: "dict[Future[Any], tuple[Any, Call]]" = field(default_factory=dict)
 
@@ -75,13 +60,13 @@ class Crew:
         """Calls that can be given now."""
         return max(self.size() - len(self.under_way), 0)
 
-    def give(self, key: Any, call: Call) -> None:
+    def give(self, key: Any, call: Call, imports: Sequence[str] = ()) -> None:
         """Hand out a call under a key."""
-        self.under_way[self.start(call)] = key, call
+        self.under_way[self.start(call, imports)] = key, call
 
     def ended(self) -> Iterator[tuple[Any, Any]]:
-        """Wait a moment for answers; yield key and answer of the calls that have ended, raise the error of one."""
-        for future in wait(self.under_way, _MOMENT, FIRST_COMPLETED).done:
+        """Wait 0.1 s for answers; yield key and answer of the calls that have ended, raise the error of one."""
+        for future in wait(self.under_way, 0.1, FIRST_COMPLETED).done:
             key, call = self.under_way.pop(future)
             try:
                 answer = future.result()
@@ -118,7 +103,7 @@ def processors() -> int:
 
 def side_by_side(
     engine: AbstractContextManager[Crew],
-    function: str,
+    function: Callable[..., Any],
     tasks: Mapping[Key, tuple[Any, ...]],
     *,
     imports: Sequence[str] = ("numpy", "xarray"),
@@ -126,31 +111,31 @@ def side_by_side(
     """Call a function with the arguments of every task, and yield key and answer in the order of the answers.
 
     Tasks do not wait for each other and are taken when their turn comes. An error of the function is raised; see
-    :class:`Call` and :class:`Crew`.
+    :class:`Crew`.
     """
     queue = iter(tasks)
     with engine as crew:
         while True:
             for key in islice(queue, crew.room):
-                crew.give(key, Call(function, tasks[key], tuple(imports)))
+                crew.give(key, partial(function, *tasks[key]), imports)
             if not crew.under_way:
                 return
             yield from crew.ended()
 
 
-def elsewhere(call: Call) -> Any:
+def elsewhere(call: Call, imports: Sequence[str] = ()) -> Any:
     """Return the answer of a call in a local process of its own; raise its error, or :class:`Died`."""
     with _processes(1) as crew:
         try:
-            return crew.start(call).result()
+            return crew.start(call, imports).result()
         except BrokenProcessPool:
             raise Died("its process was ended from outside, or crashed; was the memory full?") from None
 
 
-def _here(call: Call) -> "Future[Any]":
+def _here(call: Call, imports: Sequence[str]) -> "Future[Any]":
     """Compute a call in this process."""
     future: Future[Any] = Future()
-    future.set_result(call.run())
+    future.set_result(call())
     return future
 
 
@@ -164,15 +149,15 @@ def _processes(size: int) -> Iterator[Crew]:
     watched, held = context.Pipe(duplex=False)
     executor: ProcessPoolExecutor | None = None
 
-    def start(call: Call) -> "Future[Any]":
+    def start(call: Call, imports: Sequence[str]) -> "Future[Any]":
         nonlocal executor
         with _clean_start():
             if executor is None and _METHOD == "forkserver":
-                context.set_forkserver_preload(list(call.imports))
+                context.set_forkserver_preload(list(imports))
             while True:
                 executor = executor or ProcessPoolExecutor(size, context, _begin, (watched,))
                 try:
-                    return executor.submit(call.run)
+                    return executor.submit(call)
                 except BrokenProcessPool:  # the calls under way find out by their futures
                     executor.shutdown()
                     executor = None
@@ -239,9 +224,9 @@ def _cluster(address: str) -> Iterator[Crew]:
     except (OSError, ValueError) as error:
         raise UsageError(f"no Dask scheduler answers at {address} ({error})") from error
     with client:
-        executor, here = client.get_executor(), program()
+        executor, here = client.get_executor(pure=False), program()  # a call also writes files
         yield Crew(
-            lambda call: executor.submit(_compute_there, call, here),
+            lambda call, imports: executor.submit(_compute_there, call, here),
             lambda: 4 * max(sum(client.nthreads().values()), 4),  # so that no thread waits for this process
         )
 
@@ -259,4 +244,4 @@ def _compute_there(call: Call, program: Mapping[str, Any]) -> Any:
         where = f"the worker {get_worker().address} has another installation ({listed})"
         raise UsageError(f"{where}; install the same versions everywhere")
     with _ONE_AT_A_TIME:
-        return call.run()
+        return call()

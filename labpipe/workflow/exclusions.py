@@ -1,7 +1,6 @@
 """Exclusions from an experiment, each with a reason: recordings, readings, frames; and dated notes on it."""
 
 import datetime
-import re
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -9,21 +8,23 @@ import msgspec
 
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import every_setting, fields_of, is_file, suggest
+from labpipe.workflow.fields import FileMark, every_setting, fields_of, mark, suggest
 
 EXCLUDE = "exclude"
 """Field of an experiment's settings that holds its exclusions; stages that read files declare it as a parameter."""
-_SPAN = re.compile(r"\s*(\d+)(?:\s*-\s*(\d+))?\s*")
 S = TypeVar("S", bound=msgspec.Struct)
-_NOT_BLANK = r"\S"
+_Span = (
+    Annotated[int, msgspec.Meta(ge=0, description="a number such as 3001")]
+    | Annotated[str, msgspec.Meta(pattern=r"^\s*\d+\s*(-\s*\d+\s*)?$", description='a range such as "3001-3400"')]
+)
 
 
 class Note(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A dated note on an experiment, as in a laboratory notebook."""
 
-    on: datetime.date
-    text: Annotated[str, msgspec.Meta(pattern=_NOT_BLANK, description="the text of the note")]
-    who: str = ""
+    on: datetime.date  #: day
+    text: Annotated[str, msgspec.Meta(pattern=r"\S", description="the text of the note")]  #: the remark
+    who: str = ""  #: whose it is
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -33,12 +34,12 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     with both ends. Without either the whole file is left out.
     """
 
-    file: str
-    reason: Annotated[str, msgspec.Meta(pattern=_NOT_BLANK, description='a reason such as "a door slammed"')]
-    readings: list[int | str] = []
-    frames: list[int | str] = []
-    who: str = ""
-    on: datetime.date | None = None
+    file: str  #: recording, as the experiment names it
+    reason: Annotated[str, msgspec.Meta(pattern=r"\S", description='a reason such as "a door slammed"')]  #: why
+    readings: list[_Span] = []  #: numbers from 1, or ranges; without any the whole file
+    frames: list[_Span] = []  #: numbers from 0, or ranges
+    who: str = ""  #: who decided
+    on: datetime.date | None = None  #: when
 
     def __post_init__(self) -> None:
         """Refuse numbers that are none."""
@@ -55,13 +56,8 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def spans(self, of: Literal["readings", "frames"]) -> list[tuple[int, int]]:
         """Return first and last of each run of readings or frames, both included."""
-        found = []
-        for item in self.readings if of == "readings" else self.frames:
-            if (match := _SPAN.fullmatch(str(item))) is None:
-                expected = 'expected a number such as 3001, or a range such as "3001-3400"'
-                raise ValueError(f"{of}: {expected}, found {item!r}")
-            found.append((int(match[1]), int(match[2] or match[1])))
-        return found
+        ends = [[int(end) for end in str(item).split("-")] for item in getattr(self, of)]
+        return [(one[0], one[-1]) for one in ends]
 
     @property
     def excluded(self) -> str:
@@ -91,7 +87,7 @@ def concerning(settings: S, files: Iterable[str]) -> S:
 def files_of(settings: Any) -> Iterator[tuple[str, str]]:
     """Yield place and name of every file that settings name."""
     for place, value, kind in every_setting(settings):
-        if isinstance(value, str) and is_file(kind):
+        if isinstance(value, str) and mark(kind, FileMark) is not None:
             yield place, value
 
 
@@ -103,18 +99,17 @@ def without_excluded(settings: S) -> S:
     Raises InputError: an exclusion names no recording of the experiment, or nothing is left; ``reason`` is its number.
     """
     recordings = {name for _, name in files_of(settings) if not name.endswith(".toml")}
-    whole: set[str] = set()
-    for number, one in enumerate(exclusions(settings)):
-        if one.file not in recordings:
-            message = f'the experiment has no recording "{one.file}"{suggest(one.file, recordings)}'
+    given = exclusions(settings)
+    whole = {one.file for one in given if one.is_whole}
+    kept = _left(settings, whole) if whole else settings
+    left = {name for _, name in files_of(kept)} & recordings
+    for number, one in reversed([*enumerate(given)]):
+        message = f'the experiment has no recording "{one.file}"{suggest(one.file, recordings)}'
+        if one.file in recordings:
+            message = f'"{one.file}" is all that is left of the experiment; remove the experiment instead'
+        if one.file not in recordings or (one.is_whole and (one.file in left or not left)):
             raise InputError(message).because(str(number))
-        if one.is_whole:
-            whole.add(one.file)
-            left = {name for _, name in files_of(_left(settings, whole))} & recordings
-            if one.file in left or not left:
-                message = f'"{one.file}" is all that is left of the experiment; remove the experiment instead'
-                raise InputError(message).because(str(number))
-    return _left(settings, whole) if whole else settings
+    return kept
 
 
 def _left(table: S, whole: set[str]) -> S:

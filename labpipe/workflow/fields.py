@@ -2,7 +2,9 @@
 
 import datetime
 import difflib
+import inspect
 import math
+import re
 import types
 import typing
 from collections.abc import Iterable, Iterator
@@ -12,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 
 import msgspec
 
-from labpipe.units import Quantity, spellings, unit
+from labpipe.units import Quantity, spellings
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +74,20 @@ def is_gap(value: Any) -> bool:
 POSITIVE = Range(above=0.0)
 NOT_NEGATIVE = Range(at_least=0.0)
 
-File = Annotated[str, FileMark()]
-ExperimentName = Annotated[str, ReferenceMark()]
+_FILE = "the name of a file"
+File = Annotated[str, FileMark(), msgspec.Meta(description=_FILE)]
+ExperimentName = Annotated[str, ReferenceMark(), msgspec.Meta(description="the name of an experiment")]
 """Written as ``NAME`` or ``experiment:NAME``, kept as the latter."""
-Length = Annotated[Quantity, Dimension("m", "length", "9.525 mm")]
-Mass = Annotated[Quantity, Dimension("kg", "mass", "28.2 g")]
+Length = Annotated[Quantity, Dimension("m", "length", "9.525 ± 0.005 mm")]
+Mass = Annotated[Quantity, Dimension("kg", "mass", "505.0 ± 0.5 g")]
 Angle = Annotated[Quantity, Dimension("rad", "angle", "12.0 ± 0.2 deg")]
 Time = Annotated[Quantity, Dimension("s", "time", "50 ms")]
-Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "20 kHz")]
-Temperature = Annotated[Quantity, Dimension("degC", "temperature", "23 degC")]
-Force = Annotated[Quantity, Dimension("N", "force", "0.5 N")]
+Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "180 ± 2 Hz")]
+Temperature = Annotated[Quantity, Dimension("degC", "temperature", "21.0 ± 0.5 degC")]
+Force = Annotated[Quantity, Dimension("N", "force", "0.500 ± 0.005 N")]
 Acceleration = Annotated[Quantity, Dimension("m/s2", "acceleration", "9.81 m/s2")]
 Modulus = Annotated[Quantity, Dimension("Pa", "modulus", "403 ± 10 GPa")]
-Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.5 um/px")]
+Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.50 ± 0.05 um/px")]
 Adhesion = Annotated[Quantity, Dimension("J/m2", "work of adhesion", "50 ± 20 mJ/m2")]
 Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
 
@@ -95,8 +98,18 @@ def fields_of(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ..
     return msgspec.structs.fields(kind)
 
 
+@cache
+def meanings(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """Return the meaning of the fields of a structure that state it after ``#:`` in the line that declares them."""
+    tables = [base for base in kind.__mro__[::-1] if issubclass(base, msgspec.Struct) and base.__module__ != "msgspec"]
+    return dict(re.findall(r"^    (\w+):.*#: (.+)$", "".join(map(inspect.getsource, tables)), re.MULTILINE))
+
+
 def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Separate a type from the marks of its ``Annotated``."""
+    """Separate a type from the marks of its ``Annotated``; an optional one is the type without None."""
+    if typing.get_origin(kind) in (Union, types.UnionType):
+        options = [option for option in typing.get_args(kind) if option is not type(None)]
+        return split(options[0]) if len(options) == 1 else (kind, ())
     if typing.get_origin(kind) is Annotated:
         bare, *marks = typing.get_args(kind)
         return bare, tuple(marks)
@@ -113,14 +126,14 @@ def options_of(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
         yield bare, marks
 
 
+def is_table(kind: Any) -> bool:
+    """Return whether a type is a structure, written as a table."""
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
 def tables_of(kind: Any) -> list[type[msgspec.Struct]]:
     """Return the structures among the alternatives of a field: those of a table."""
-    return [bare for bare, _ in options_of(kind) if isinstance(bare, type) and issubclass(bare, msgspec.Struct)]
-
-
-def is_file(kind: Any) -> bool:
-    """Return whether the text of a field names a file."""
-    return any(isinstance(mark, FileMark) for _, marks in options_of(kind) for mark in marks)
+    return [bare for bare, _ in options_of(kind) if is_table(bare)]
 
 
 def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[tuple[str, Any, Any]]:
@@ -139,12 +152,12 @@ def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[
 M = TypeVar("M")
 
 
-def mark(marks: tuple[Any, ...], kind: type[M]) -> M | None:
-    """Return the first mark of a kind, or None."""
-    return next((mark for mark in marks if isinstance(mark, kind)), None)
+def mark(kind: Any, of: type[M]) -> M | None:
+    """Return the first mark of a class in a type or its alternatives, or None."""
+    return next((one for _, marks in options_of(kind) for one in marks if isinstance(one, of)), None)
 
 
-_WORDS: dict[type, str] = {
+_WORDS: dict[Any, str] = {
     str: "text in quotation marks",
     int: "a whole number",
     float: "a number",
@@ -154,71 +167,38 @@ _WORDS: dict[type, str] = {
 
 
 def describe(kind: Any) -> str:
-    """Describe the expected value of a field: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
+    """Describe the expected value of a field: ``a length such as "9.525 ± 0.005 mm" (units: m, cm, mm, um, nm)``."""
     bare, marks = split(kind)
-    if (dimension := kind if isinstance(kind, Dimension) else mark(marks, Dimension)) is not None:
+    if (dimension := next((one for one in marks if isinstance(one, Dimension)), None)) is not None:
         article = "an" if dimension.noun[0] in "aeiou" else "a"
         units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
         return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
-    if mark(marks, FileMark) is not None:
-        return "the name of a file"
-    if mark(marks, ReferenceMark) is not None:
-        return "the name of an experiment"
-    meta = mark(marks, msgspec.Meta)
-    if meta is not None and meta.description:
-        return meta.description
+    if stated := next((one.description for one in marks if isinstance(one, msgspec.Meta) and one.description), None):
+        return stated
     origin, arguments = typing.get_origin(bare), typing.get_args(bare)
     if origin is Literal:
-        return "one of " + ", ".join(f'"{a}"' if isinstance(a, str) else repr(a) for a in arguments)
+        return "one of " + ", ".join(map(found, arguments))
     if origin in (Union, types.UnionType):
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):
-        return f"a list of items, each {describe(arguments[0])}"
-    return next((word for known, word in _WORDS.items() if known is bare), "a table")
+        inner = describe(arguments[0])
+        return "the names of files, in brackets" if inner == _FILE else f"a list in brackets, of which each is {inner}"
+    return _WORDS.get(bare, "a table")
 
 
 def found(value: Any) -> str:
     """Describe a value that was found, shortened."""
-    if isinstance(value, str):
-        return f'"{value}"' if len(value) <= 60 else f'"{value[:60]}…"'
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        text = repr(value)
-        return text if len(text) <= 60 else f"a number of {len(text)} digits"
     if isinstance(value, dict | list):
         return "a table" if isinstance(value, dict) else "a list"
-    return f"a {type(value).__name__}"
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = text if len(text) <= 60 else text[:60] + "…"
+    return f'"{text}"' if isinstance(value, str) else text
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
     """Add ``; did you mean "…"?``, or the list of known names when it is short."""
     options = sorted(known)
     # of longer words and lists the search takes longer than it helps
-    is_short = len(word) <= 256 and len(options) <= 1000
-    near = difflib.get_close_matches(word, options, n=1, cutoff=0.6) if is_short else []
-    if near:
+    if near := difflib.get_close_matches(word[:256], options[:1000], n=1):
         return f'; did you mean "{near[0]}"?'
-    if 0 < len(options) <= 12:
-        return "; known: " + ", ".join(options)
-    return ""
-
-
-def show(value: Quantity) -> str:
-    """Write a quantity for people: ``9.525 mm``, ``12 ± 0.2 deg``.
-
-    Examples
-    --------
-    >>> show(Quantity(0.009525, 0.0, "m"))
-    '9.525 mm'
-    """
-    # the largest multiple by a power of a thousand in which it is at least 1
-    own = value.si.removeprefix("k")
-    names = {unit(name).factor: name for name in spellings(value.si) if name.endswith(own)} or {1.0: value.si}
-    if value.si == "rad":
-        names = {math.radians(1.0): "deg"}
-    factors = sorted((one for one in names if math.log10(one) % 3 == 0), reverse=True) or list(names)
-    fitting = (one for one in factors if abs(value.value) >= one * (1 - 1e-12))
-    factor = next(fitting, factors[0] if value.value == 0 else factors[-1])
-    text = f"{value.value / factor:.6g}" + (f" ± {value.u / factor:.2g}" if value.u else "")
-    return text if names[factor] == "1" else f"{text} {names[factor]}"
+    return "; known: " + ", ".join(options) if 0 < len(options) <= 12 else ""

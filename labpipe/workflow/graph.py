@@ -242,19 +242,20 @@ def field_value(settings: Any, dotted: str) -> Any:
 
     Through a list of structures it leads to all their values, joined: ``drops.laser``.
     """
-    found = list(_ends(settings, dotted.split(".")))
+    found = list(ends(settings, dotted.split(".")))
     if len(found) == 1 and "[" not in found[0][0]:
         return found[0][1]
     return [part for _, value in found for part in _names(value)]
 
 
-def _ends(node: Any, names: Sequence[str], place: str = "") -> Iterator[tuple[str, Any]]:
+def ends(node: Any, names: Sequence[str], place: str = "") -> Iterator[tuple[str, Any]]:
     """Yield place (``drops[1].material_from``) and value of a field, in every item of the lists on the way."""
     if names and isinstance(node, list | tuple):
         for number, item in enumerate(node):
-            yield from _ends(item, names, f"{place}[{number}]")
+            yield from ends(item, names, f"{place}[{number}]")
     elif names:
-        yield from _ends(getattr(node, names[0], None), names[1:], f"{place}.{names[0]}".removeprefix("."))
+        value = node.get(names[0]) if isinstance(node, dict) else getattr(node, names[0], None)
+        yield from ends(value, names[1:], f"{place}.{names[0]}".removeprefix("."))
     else:
         yield place, node
 
@@ -287,7 +288,7 @@ def arguments(
             continue
         field, _, name = text.removeprefix(OTHER).rpartition("/")
         # a stage of the same experiment, or of those that a field names
-        named = list(_ends(experiment.settings, field.split("."))) if field else [("", experiment.name)]
+        named = list(ends(experiment.settings, field.split("."))) if field else [("", experiment.name)]
         is_list = is_through_list = not named or any("[" in place for place, _ in named)
         slots: list[TaskId | str | None] = []
         for place, other in named:
@@ -308,10 +309,9 @@ def arguments(
     return tuple(made)
 
 
-def ancestors(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:
-    """List all tasks behind some, in the order of the session."""
-    found: set[TaskId] = set()
-    waiting = list(task_ids)
+def lineage(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:
+    """List some tasks and all behind them, in the order of the session."""
+    found, waiting = set(task_ids), list(task_ids)
     while waiting:
         new = [b for b in tasks[waiting.pop()].before if b not in found]
         found.update(new)

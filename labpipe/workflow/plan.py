@@ -5,7 +5,7 @@ files and the keys of the other inputs. Equal key, equal result.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,8 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.code import behind
 from labpipe.workflow.exclusions import EXCLUDE
-from labpipe.workflow.fields import show, suggest
-from labpipe.workflow.graph import Stage, Stages, Task, TaskId, ancestors, spell_out
+from labpipe.workflow.fields import suggest
+from labpipe.workflow.graph import Stage, Stages, Task, TaskId, ends, lineage, spell_out
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Last, Store, key_of, last_seconds
 
@@ -44,6 +44,16 @@ class Key:
     problem: str = ""
     kept: tuple[str, ...] = ()
     taken_for: str | None = None
+
+    @property
+    def last(self) -> Last:
+        """The last result, to be remembered, of a task that has one."""
+        return Last(self.value or "", self.taken_for)
+
+    @property
+    def files(self) -> list[dict[str, Any]]:
+        """Files that the result depends on, by :func:`describe_file`."""
+        return [file for one in self.ingredients["inputs"] for file in one.get("files", ())]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +90,11 @@ class Plan(ShownAsTable):
         """Rows without a result."""
         return tuple(row for row in self.rows if row.state not in READY)
 
-    def last(self, task: TaskId) -> Last:
-        """Return the last result, to be remembered, of a task that has one."""
-        key = self.keys[task]
-        return Last(key.value or "", key.taken_for)
-
-    def kept(self, *wanted: TaskId) -> dict[TaskId, tuple[str, ...]]:
-        """Results of earlier code behind some tasks, with the changed code since."""
-        behind = [*ancestors(self.tasks, *wanted), *wanted]
-        return {name: self.keys[name].kept for name in behind if self.keys[name].kept}
+    def of(self, experiment: str) -> "Plan":
+        """Return the part of the plan that concerns one experiment: its rows, and all tasks behind them."""
+        rows = tuple(row for row in self.rows if row.experiment == experiment)
+        names = lineage(self.tasks, *(row.task for row in rows))
+        return replace(self, rows=rows, tasks={n: self.tasks[n] for n in names}, keys={n: self.keys[n] for n in names})
 
     @property
     def estimate(self) -> str:
@@ -117,7 +123,7 @@ class Plan(ShownAsTable):
 def plan(
     session: Session,
     stages: Stages,
-    targets: Iterable[str | TaskId] | None = None,
+    targets: Iterable[str] | None = None,
     only: Iterable[str] | None = None,
     *,
     full: bool = False,
@@ -126,8 +132,8 @@ def plan(
 ) -> Plan:
     """Plan a run of a session, of which ``stages`` has those of every kind.
 
-    ``targets`` are stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, or tasks, and ``only`` the
-    experiments; by default all. Results of others that they need are made too. ``full`` plans without shortcuts.
+    ``targets`` are stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, and ``only`` the experiments;
+    by default all. Results of others that they need are made too. ``full`` plans without shortcuts.
     ``keep`` takes results of earlier code as they are; None, those that an earlier run took. ``store`` is that of the
     session, where it is open already.
 
@@ -137,35 +143,30 @@ def plan(
     store = store or Store(session.folder)
     tasks = spell_out(session, stages)
     wanted = wanted_tasks(session, tasks, targets, only)
-    behind_all = wanted | set(ancestors(tasks, *wanted))
-    tasks = {name: task for name, task in tasks.items() if name in behind_all}
+    tasks = {name: tasks[name] for name in lineage(tasks, *wanted)}
     plain = {e.name: msgspec.to_builtins(e.settings) for e in session.experiments.values()}
     keys: dict[TaskId, Key] = {}
     states: dict[TaskId, str] = {}
     latest = cache(store.latest)
     for name, task in tasks.items():
         options: dict[str, Any] = {"full": full} if task.stage.shortcuts else {}
-        behind = ancestors(tasks, name) if task.stage.context else []
+        behind = lineage(tasks, name)[:-1] if task.stage.context else []
         if earlier := {str(other): list(keys[other].kept) for other in behind if keys[other].kept}:
             options["kept"] = earlier
         key = _key(session, task, plain[name.experiment], keys, store, options)
         if keep is not False and task.stage.output == "dataset":
-            key = _kept(store, latest(name.experiment).get(name[1:]), key, was_taken=keep is None)
-        keys[name], states[name] = key, _state(session, store, task, key)
-    needed: set[TaskId] = set()
-    waiting = [name for name in wanted if states[name] != "stored"]
-    while waiting:
-        name = waiting.pop()
+            key = _kept(store, latest(name.experiment).get(name), key, was_taken=keep is None)
+        keys[name], states[name] = key, state_of(session, store, task, key)
+    asked, needed = set(wanted), set[TaskId]()
+    for name in (name for name in reversed(tasks) if states[name] != "stored" and name in asked):
         needed.add(name)
-        if states[name] == "unpublished":
-            continue
-        # a stage with the context reports on everything behind it, so all of that must be there
-        inputs = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
-        waiting += [one for one in inputs if states[one] != "stored" and one not in needed]
+        if states[name] != "unpublished":
+            # a stage with the context reports on everything behind it, so all of that must be there
+            asked.update(lineage(tasks, name) if tasks[name].stage.context else tasks[name].before)
     rows = []
     for name, task in tasks.items():
         if name in needed:
-            last = latest(name.experiment).get(name[1:])
+            last = latest(name.experiment).get(name)
             rows.append(_row_to_run(store, last, task, keys[name], states[name], needed))
         elif states[name] == "stored":
             changed = keys[name].kept
@@ -193,23 +194,26 @@ def _first(texts: Sequence[str], separator: str) -> str:
 
 
 def wanted_tasks(
-    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str | TaskId] | None, only: Iterable[str] | None
+    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
-    """Pick the tasks of named targets and experiments; UsageError where one is unknown, InputError where it waits."""
+    """Pick the tasks of named targets and experiments; UsageError: one is unknown; InputError: all named ones wait."""
     experiments = set(session.experiments) if only is None else {only} if isinstance(only, str) else set(only)
-    for name in sorted(experiments - set(session.experiments)):
-        if name in session.waiting:
-            message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
-            raise InputError(message)
+    for name in sorted(experiments - session.experiments.keys() - session.waiting.keys()):
         raise UsageError(f'there is no experiment "{name}"{suggest(name, session.experiments)}')
+    if experiments and not experiments & session.experiments.keys():
+        lines = [f"\n  {line}" for name in sorted(experiments) for line in session.waiting[name]]
+        names_of = ", ".join(f'"{name}"' for name in sorted(experiments))
+        raise InputError(f"{names_of} wait{'s' * (len(experiments) == 1)} for these lines of settings:{''.join(lines)}")
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
     if targets is None:
         return chosen
-    asked: set[Any] = {targets} if isinstance(targets, str) else set(targets)
-    names = {name for task in tasks for name in (task.stage, f"{task.experiment}/{task.stage}")}
-    for wrong in sorted(asked - names - tasks.keys()):
-        raise UsageError(f'there is no stage "{wrong}"{suggest(str(wrong), names)}')
-    return frozenset(n for n in chosen if not asked.isdisjoint({n, n.stage, f"{n.experiment}/{n.stage}"}))
+    asked = {targets} if isinstance(targets, str) else set(targets)
+    names = {name: {name.stage, f"{name.experiment}/{name.stage}"} for name in tasks}
+    known = set().union(*names.values())
+    for wrong in sorted(asked - known):
+        there = ", ".join(sorted({task.stage for task in chosen}))
+        raise UsageError(f'there is no stage "{wrong}"{suggest(wrong, known)}; there are {there}')
+    return frozenset(name for name in chosen if asked & names[name])
 
 
 def page_name(experiment: str) -> str:
@@ -267,25 +271,18 @@ def parameters(stage: Stage, settings: Any, read: Sequence[str] = ()) -> dict[st
     if stage.output != "page":
         settings = {name: value for name, value in settings.items() if name != "notes"}
     flat: dict[str, Any] = {}
-
-    def add(node: Any, names: Sequence[str], place: str = "") -> None:
-        """Add all that a dotted name leads to, in every item of the lists on the way."""
-        if names and isinstance(node, list | tuple):
-            for number, item in enumerate(node):
-                add(item, names, f"{place}[{number}]")
-        elif names or (isinstance(node, dict) and node):
-            table = node if isinstance(node, dict) else {}  # None where a table is absent
-            for name in names[:1] or table:
-                add(table.get(name), names[1:], f"{place}.{name}".removeprefix("."))
-        else:
-            flat[place] = list(node) if isinstance(node, tuple) else node
-
     for dotted in stage.parameters:
         if dotted == EXCLUDE:
             own = [one for one in settings.get(EXCLUDE, ()) if one["file"] in read]
             flat[dotted] = [[one["file"], one["readings"], one["frames"]] for one in own]
         else:
-            add(settings, () if dotted == "*" else dotted.split("."))
+            open_ = list(ends(settings, [] if dotted == "*" else dotted.split(".")))
+            while open_:
+                place, node = open_.pop(0)
+                if isinstance(node, dict) and node:
+                    open_[:0] = [(f"{place}.{name}".removeprefix("."), value) for name, value in node.items()]
+                else:
+                    flat[place] = list(node) if isinstance(node, tuple) else node
     return flat
 
 
@@ -304,7 +301,7 @@ def _kept(store: Store, last: Last | None, key: Key, *, was_taken: bool) -> Key:
     return Key(last.key, old, "", tuple(_code_changes(old, new)), key.value)
 
 
-def _state(session: Session, store: Store, task: Task, key: Key) -> str:
+def state_of(session: Session, store: Store, task: Task, key: Key) -> str:
     """Return ``stored``, ``absent``, ``damaged``, ``unreadable`` or, for a page, ``unpublished``."""
     if key.value is None:
         return "unreadable" if key.problem else "absent"
@@ -378,6 +375,6 @@ def _facts(ingredients: Mapping[str, Any]) -> dict[str, Any]:
 def _shown(value: Any) -> str:
     """Write a parameter for people; a quantity is stored as value, uncertainty, SI unit."""
     if isinstance(value, list) and [type(part) for part in value] == [float, float, str]:
-        return show(Quantity(*value))
+        return str(Quantity(*value))
     text = "none" if value is None else value if isinstance(value, str) else files.canonical(value)
     return text if len(text) <= 60 else text[:60] + "…"

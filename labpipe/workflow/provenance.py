@@ -10,8 +10,8 @@ from typing import Any
 
 from labpipe.installation import __version__
 from labpipe.workflow.code import LIBRARIES, version
-from labpipe.workflow.graph import Task, TaskId, ancestors
-from labpipe.workflow.plan import Key
+from labpipe.workflow.graph import TaskId, lineage
+from labpipe.workflow.plan import Plan
 from labpipe.workflow.store import key_of
 
 
@@ -39,30 +39,27 @@ def git_state(folder: Path) -> str | None:
     return done.stdout.strip()
 
 
-def of_task(
-    about_program: Mapping[str, Any], tasks: Mapping[TaskId, Task], keys: Mapping[TaskId, Key], task_id: TaskId
-) -> dict[str, Any]:
+def of_task(about_program: Mapping[str, Any], plan: Plan, task: TaskId) -> dict[str, Any]:
     """Return everything that one result depends on.
 
     ``program``; ``stage``, ``key`` and ``parameters``; ``stages``: digest of the code of every stage behind it;
     ``inputs``: name, size and SHA-256 of every raw file.
     """
-    task, key = tasks[task_id], keys[task_id]
-    behind = [*ancestors(tasks, task_id), task_id]
+    own = plan.keys[task].ingredients
     stages: dict[str, str] = {}
     files: dict[str, dict[str, Any]] = {}
-    for found in (keys[name].ingredients for name in behind):
+    for key in (plan.keys[name] for name in lineage(plan.tasks, task)):
+        kind, stage = key.ingredients["kind"], key.ingredients["stage"]
         # that of another kind of experiment is named with its kind
-        of_other = "" if found["kind"] == key.ingredients["kind"] else f"{found['kind']}/"
-        stages[f"{of_other}{found['stage']}"] = key_of(found.get("code", {}))[:16]
-        files |= {file["name"]: file for argument in found["inputs"] for file in argument.get("files", ())}
+        stages[stage if kind == own["kind"] else f"{kind}/{stage}"] = key_of(key.ingredients.get("code", {}))[:16]
+        files |= {file["name"]: file for file in key.files}
     return {
         "program": dict(about_program),
-        "stage": task.stage.name,
-        "function": task.stage.function,
-        "key": key.value,
-        "parameters": key.ingredients["parameters"],
-        "full": key.ingredients.get("full", False),
+        "stage": own["stage"],
+        "function": own["function"],
+        "key": plan.keys[task].value,
+        "parameters": own["parameters"],
+        "full": own.get("full", False),
         "stages": stages,
         "inputs": [files[name] for name in sorted(files)],
     }

@@ -3,17 +3,16 @@
 import contextlib
 import secrets
 from collections.abc import Callable, Generator, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache
-from typing import TypedDict, Unpack
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypedDict, Unpack
 
 import msgspec
 
-from labpipe.errors import InputError, LabpipeError, StorageError
+from labpipe.errors import LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
-from labpipe.workflow.engines import Call, Crew, Died
+from labpipe.workflow.engines import Crew, Died
 from labpipe.workflow.graph import Stages, TaskId, imports_of
 from labpipe.workflow.plan import Plan, page_name, plan
 from labpipe.workflow.results import Event, RunResult
@@ -59,25 +58,19 @@ def run_all(
 
     Sessions are asked for when there is room. Yields each with the end of its run, or why it could not begin.
 
-    Raises InputError, UsageError: the stages do not fit the schemas, or there is no such engine; KeyboardInterrupt: as
-    for :func:`run`.
+    Raises InputError, UsageError: there is no such engine; KeyboardInterrupt: as for :func:`run`.
     """
-    jobs, schemas = options.get("jobs", 1), options.get("schemas") or {}
-    full, keep = options.get("full", False), options.get("keep", False)
+    jobs, schemas, full = options.get("jobs", 1), options.get("schemas") or {}, options.get("full", False)
     engine = engines.choose(jobs, options.get("cluster"))
-    for kind, stage in ((kind, stage) for kind, sequence in stages.items() for stage in sequence):
-        if stage.schema is not None and stage.schema not in schemas:
-            raise InputError(f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"')
 
     def begin(session: Session) -> _SessionRun:
         store, chosen = Store(session.folder), (options.get("targets"), options.get("only"))
         store.clean()
-        made = plan(session, stages, *chosen, full=full, keep=keep, store=store)
+        made = plan(session, stages, *chosen, full=full, keep=options.get("keep", False), store=store)
         store.index.save()
+        is_final = chosen == (None, None) and not (made.to_run or full)
         program = provenance.program() if made.to_run else {}
-        at = replace(session, root=session.root.absolute())
-        job = Job(at, stages, schemas, full, keep, program, secrets.token_hex(8))
-        state = _SessionRun(made, store, job, options.get("progress"), is_whole=chosen == (None, None))
+        state = _SessionRun(made, store, schemas, options.get("progress"), is_final, program)
         state.begin(jobs)
         return state
 
@@ -115,15 +108,18 @@ def run_all(
 class _SessionRun:
     """The run of one session while it goes on.
 
-    ``waiting`` holds experiments to run with those that must end before them, ``running`` those
-    given to a process with the task that it is at, ``heard`` the bytes of the log that have been read.
+    ``is_final`` says that the plan still holds after the run. ``waiting`` has experiments to run with those that must
+    end before them, ``running`` those given to a process with the task that it is at; ``heard`` are the bytes of the
+    log that have been read.
     """
 
     plan: Plan
     store: Store
-    job: Job
+    schemas: Mapping[str, Schema]
     progress: Callable[[Event], None] | None
-    is_whole: bool
+    is_final: bool
+    program: Mapping[str, Any]
+    mark: str = field(default_factory=lambda: secrets.token_hex(8))
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
@@ -132,8 +128,8 @@ class _SessionRun:
     def show(self, kind: str, task: TaskId, message: str = "") -> None:
         """Hand an event to whoever follows the progress."""
         if self.progress is not None:
-            total = max(len(self.plan.rows), len(self.outcomes))
-            self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
+            done, total = len(self.outcomes), len(self.plan.rows)
+            self.progress(Event(kind, task, done, total, message, self.plan.session.root))
 
     def note(self, outcome: Outcome) -> None:
         """Take the end of a task, once; a second pass finds results of the first one in the store."""
@@ -142,44 +138,39 @@ class _SessionRun:
             self.outcomes[outcome.task] = outcome
             self.show(outcome.state, outcome.task, outcome.message)
 
+    def job(self, experiment: str) -> Job:
+        """Make the job of an experiment."""
+        failures = {task: one for task, one in self.outcomes.items() if one.state in (FAILED, SKIPPED)}
+        return Job(self.plan.of(experiment), self.schemas, self.program, self.mark, failures)
+
     # --- beginning and end ---
 
     def begin(self, jobs: int) -> None:
-        """Write the beginning into the log, and find out which experiments need a worker, in which order."""
+        """Write the beginning into the log, and find out which experiments need a process, in which order."""
         plan = self.plan
         log(plan.session, "run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
         if plan.to_run:
             self.show("planned", plan.to_run[0].task, plan.summary)
-        busy = {row.experiment for row in plan.to_run}
-        latest = cache(self.store.latest)
-        for row in (row for row in plan.rows if row.experiment not in busy):
-            last = plan.last(row.task)
-            if latest(row.experiment).get(row.task[1:]) != last:
-                with self.store.writing(), self.store.experiment(row.experiment):
-                    self.store.note_latest(row.task, *last)
-            outcome = Outcome(*row.task, row.state, last.key)
-            log(plan.session, "ended", **asdict(outcome))
-            self.note(outcome)
-        self.heard = (plan.session.folder / LOG).stat().st_size
         needs: dict[str, set[str]] = {row.experiment: set() for row in plan.to_run}
-        size = dict.fromkeys(needs, 0)
+        size = dict.fromkeys(needs, 0)  # bytes to read are all that is known before a run
+        for experiment in dict.fromkeys(row.experiment for row in plan.rows if row.experiment not in needs):
+            for outcome in self.job(experiment).work():
+                self.note(outcome)
+        self.heard = (plan.session.folder / LOG).stat().st_size
         for row in plan.to_run:
-            task = plan.tasks[row.task]
-            others = {other.experiment for other in task.before} | {plan.session.experiments[row.experiment].base}
-            needs[row.experiment] |= (others - {row.experiment}) & needs.keys()  # a variant takes results of its base
-            found = (entry for each in plan.keys[row.task].ingredients["inputs"] for entry in each.get("files", ()))
-            size[row.experiment] += sum(entry["size"] for entry in found)
-        # those with most to read first, so that all workers end together; bytes are all that is known before a run
+            others = {other.experiment for other in plan.tasks[row.task].before}
+            others.add(plan.session.experiments[row.experiment].base)  # a variant takes results of its base
+            needs[row.experiment] |= (others - {row.experiment}) & needs.keys()
+            size[row.experiment] += sum(entry["size"] for entry in plan.keys[row.task].files)
+        # those with most to read first, so that all processes end together
         self.waiting = dict(sorted(needs.items(), key=lambda item: size[item[0]], reverse=True))
 
     def end(self) -> RunResult:
         """Write the end into the log and sum up."""
-        order = {row.task: position for position, row in enumerate(self.plan.rows)}
-        outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
-        pages = {o.experiment: self.plan.session.folder / page_name(o.experiment) for o in outcomes}
+        outcomes = tuple(self.outcomes[row.task] for row in self.plan.rows)
+        pages = {row.experiment: self.plan.session.folder / page_name(row.experiment) for row in self.plan.rows}
         reports = {name: path for name, path in pages.items() if path.is_file()}
-        holds_still = self.is_whole and not (self.plan.to_run or self.job.full)
-        result = RunResult(self.plan.session, tuple(outcomes), reports, self.plan if holds_still else None)
+        result = RunResult(self.plan.session, outcomes, reports, self.plan if self.is_final else None)
         log(self.plan.session, "run finished", exit_code=result.exit_code)
         return result
 
@@ -190,16 +181,13 @@ class _SessionRun:
         ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
         for experiment in ready[: crew.room]:
             del self.waiting[experiment]
-            failures = {task: one for task, one in self.outcomes.items() if one.state in (FAILED, SKIPPED)}
-            wanted = frozenset(row.task for row in self.plan.rows if row.experiment == experiment)
-            imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
-            call = Call(f"{Job.__module__}:work", (self.job, experiment, wanted, failures), imports)
             self.running[experiment] = None
-            crew.give((self, experiment), call)
+            imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
+            crew.give((self, experiment), self.job(experiment).work, imports)
 
     def hear(self) -> None:
         """Take the events that workers have written into the log, and know the tasks that they are at."""
-        self.heard, found = events_after(self.plan.session, self.heard, self.job.run)
+        self.heard, found = events_after(self.plan.session, self.heard, self.mark)
         for event in found:
             task = TaskId(event["experiment"], event["stage"], event["recording"])
             is_start = event["event"] == "started"

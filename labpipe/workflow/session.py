@@ -23,11 +23,10 @@ import msgspec
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import name_problem
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.units import Quantity
 from labpipe.workflow.config import Checker
-from labpipe.workflow.document import LABORATORY, Document, Place, dotted, nodes, parse, placed
-from labpipe.workflow.exclusions import EXCLUDE, without_excluded
-from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, show, suggest, tables_of
+from labpipe.workflow.document import LABORATORY, Document, Place, dotted, parse
+from labpipe.workflow.exclusions import EXCLUDE, files_of, without_excluded
+from labpipe.workflow.fields import REFERENCE, ReferenceMark, every_setting, fields_of, found, mark, suggest, tables_of
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
@@ -56,9 +55,9 @@ class Experiment:
     @property
     def refers_to(self) -> tuple[str, ...]:
         """Names of the experiments that its settings name, as one has its material from another."""
-        texts = [node for node in nodes(msgspec.to_builtins(self.settings)) if isinstance(node, str)]
-        texts += [REFERENCE + self.base] if self.base else []
-        return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
+        named = [value for _, value, kind in every_setting(self.settings) if value and mark(kind, ReferenceMark)]
+        named += [self.base] if self.base else []
+        return tuple(dict.fromkeys(str(name).removeprefix(REFERENCE) for name in named))
 
 
 class Creator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -121,8 +120,7 @@ class Session(ShownAsTable):
     def _shown(self) -> Shown:
         rows: list[tuple[str, ...]] = []
         for one in self.experiments.values():
-            texts = (node for node in nodes(msgspec.to_builtins(one.settings)) if isinstance(node, str))
-            names = ", ".join(text for text in texts if Path(text).suffix and not text.startswith(REFERENCE))
+            names = ", ".join(name for _, name in files_of(one.settings))
             rows.append((one.name, one.kind.replace("_", " "), textwrap.shorten(names, 120, placeholder=" …")))
         rows += [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
         remarks = [f"recorded by {self.operator}"] if self.operator else []
@@ -183,58 +181,56 @@ def load(
     _check_version(document)
     root = source.parent.resolve()
     fill(document, root)
-    checked = Checker(document, root).structure(_Layout, document.tree, ())
+    checked = Checker(document, root).value(_Layout, document.tree, ())
     layout = checked if isinstance(checked, _Layout) else _Layout()
     head = layout.session
     files = (root / head.files).resolve() if head.files else root
     if head.files and not files.is_dir():
         document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    tables = _tables(document.tree, "experiments", "variants", "defaults") | _of_laboratory(document, root, kinds)
-    names = [str(place[1]) for place in tables if place[0] == "experiments"]
-    variants = {str(place[1]): table for place, table in tables.items() if place[0] == "variants"}
-    if not names and not document.problems:
+    of_laboratory = _of_laboratory(document, root, kinds)
+    tables = _tables(document.tree, "experiments", "variants", "defaults") | of_laboratory
+    for at in tables:
+        if at[-2] == "defaults" and (kind := str(at[-1])) not in kinds:
+            document.report(at, f"unknown kind{suggest(kind, kinds)}")
+        elif at[0] == "variants" and ("experiments", at[1]) in tables:
+            document.report(at, "an experiment has this name; give the variant another one")
+    order = {str(at[1]): number for number, at in enumerate(tables) if at[0] == "experiments"}
+    if not order and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-    for place in tables:
-        if place[-2] == "defaults" and (kind := str(place[-1])) not in kinds:
-            document.report(place, f"unknown kind{suggest(kind, kinds)}")
-    checker = Checker(document, files, laboratory=(root / layout.laboratory).parent.resolve())
-    places: dict[str, Place] = {}
-    for name in names:  # each followed by its variants
-        places[name] = ("experiments", name)
-        places |= {one: ("variants", one) for one, table in variants.items() if table.get("base") == name}
-    places |= {name: ("variants", name) for name in variants if name not in places}
-    _check_names(document, places, variants)
+    own = [at for at in tables if at[0] == "experiments" or (at[0] == "variants" and at[1] not in order)]
+    base_of = {at: str(tables[at].get("base") if at[0] == "variants" else at[1]) for at in own}
+    own.sort(key=lambda at: order.get(base_of[at], len(order)))  # each experiment followed by its variants
+    places = {str(at[1]): at for at in own}
+    _check_names(document, places)
+    checker = Checker(document, files, may_fill=True, parts=of_laboratory, names=places)
+    checker.laboratory = (root / layout.laboratory).parent.resolve()
     experiments: dict[str, Experiment] = {}
     waiting: dict[str, tuple[str, ...]] = {}
-    own_problems: dict[str, int] = {}
+    of_experiments: dict[str, int] = {}
     for name, place in places.items():
-        alone = replace(document, problems={}, origin={})  # the mistakes of an experiment stop it, and no other
+        alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
         waits = may_wait or name in may_lack
-        own = replace(checker, document=alone, gaps={}, names=places, own=name, may_wait=waits)
-        one = _experiment(own, kinds, tables, place)
+        one = _experiment(replace(checker, document=alone, own=name, may_wait=waits), kinds, tables, place)
         if one is not None and one.base in experiments:
             one = replace(one, changed=_changed(experiments[one.base].settings, one.settings))
             if not one.changed:
                 alone.report(place, f"differs in no setting from {one.base}; remove it, or change a setting")
-        problems = alone.problems | (own.gaps or {})
-        if one is not None and not problems:
+        if one is not None and not alone.problems:
             experiments[name] = one
         else:
-            own_problems |= {text: line for text, line in problems.items() if text not in document.problems}
-            waiting[name] = tuple(sorted(problems, key=problems.__getitem__))
-    while blocked := next(
-        ((one.name, other) for one in experiments.values() for other in one.refers_to if other in waiting), None
-    ):
-        name, other = blocked
-        del experiments[name]
-        waiting[name] = (document.at(places[name], f'refers to "{other}", which waits'),)
+            of_experiments |= alone.problems
+            waiting[name] = tuple(sorted(alone.problems, key=alone.problems.__getitem__))
+    while blocked := {name: other for name, one in experiments.items() for other in one.refers_to if other in waiting}:
+        for name, other in blocked.items():
+            del experiments[name]
+            waiting[name] = (document.at(places[name], f'refers to "{other}", which waits'),)
     if document.problems or not experiments:
-        document.problems.update(own_problems)
+        document.problems.update(of_experiments)
     document.finish()
     said = (head.title or files.name, head.operator, head.notes, head.synthetic)
-    waits_of = {name: waiting[name] for name in places if name in waiting}
-    return Session(root, *said, experiments, waits_of, head.licence, layout.creators, files if head.files else None)
+    waiting = {name: waiting[name] for name in places if name in waiting}
+    return Session(root, *said, experiments, waiting, head.licence, layout.creators, files if head.files else None)
 
 
 def _check_version(document: Document) -> None:
@@ -270,106 +266,68 @@ def _of_laboratory(
     is_above = path.name == LABORATORY and path.parent.resolve() in (root, *root.parents)
     if not (is_above and path.is_file()):
         expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
-        problem = f"{expected}, found {found(named)}"
-        if is_above:
-            problem = f"there is no file {found(named)}; correct the name, or delete this line"
-        document.report(("laboratory",), problem)
+        document.report(("laboratory",), f"{expected}, found {found(named)}; correct the path, or delete this line")
         return {}
     other = parse(path)
     _check_version(other)
     document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
+    document.problems |= other.problems
     fields = (info for kind in kinds.values() for info in fields_of(kind))
     known = {"labpipe", "defaults"} | {info.encode_name for info in fields if tables_of(info.type)}
     for key, table in other.tree.items():
         if key not in known:
             document.report((LABORATORY, key), f"unknown key{suggest(key, known - {'labpipe'})}")
-        elif key != "labpipe" and not isinstance(table, dict):
-            document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
+        elif key != "labpipe":
+            Checker(document, root).value(dict[str, dict[str, Any]], table, (LABORATORY, key))
     return {(LABORATORY, *place): table for place, table in _tables(other.tree, *other.tree).items()}
-
-
-def _layers(
-    document: Document, kinds: Collection[str], tables: Mapping[Place, dict[str, Any]], place: Place
-) -> dict[Place, dict[str, Any]]:
-    """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is wrong.
-
-    Without a base it is its own table over the defaults of its kind, and those over the laboratory's.
-    """
-    layers, own = dict[Place, dict[str, Any]](), place
-    if place[0] == "variants":
-        base = tables[place].get("base")
-        if not isinstance(base, str) or ("experiments", base) not in tables:
-            problem = "missing" if base is None else f"there is no experiment {found(base)}"
-            near = suggest(str(base), (str(at[1]) for at in tables if at[0] == "experiments"))
-            document.report((*place, "base"), f"{problem}{near or '; name an experiment'}")
-            return {}
-        layers[place] = {key: value for key, value in tables[place].items() if key not in ("base", "kind")}
-        if "kind" in tables[place]:
-            document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
-        own = ("experiments", base)
-    kind = tables[own].get("kind")
-    if not isinstance(kind, str) or kind not in kinds:
-        known = f"missing; known kinds: {', '.join(sorted(kinds))}"
-        text = known if kind is None else f"unknown kind {found(kind)}{suggest(str(kind), kinds)}"
-        document.report((*own, "kind"), text)
-        return {}
-    below: Place = ("defaults", kind)
-    return layers | {own: tables[own]} | {at: tables.get(at, {}) for at in (below, (LABORATORY, *below))}
 
 
 def _experiment(
     checker: Checker, kinds: Mapping[str, type[msgspec.Struct]], tables: Mapping[Place, dict[str, Any]], place: Place
 ) -> Experiment | None:
-    """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
-    document = checker.document
-    if not (layers := _layers(document, kinds, tables, place)):
+    """Convert the tables of an experiment, and report its mistakes; None where there are some.
+
+    A variant is laid over its base, and that over the defaults of its kind and those of the laboratory.
+    """
+    document, layers, own = checker.document, dict[Place, dict[str, Any]](), place
+    if place[0] == "variants":
+        base = tables[place].get("base")
+        own = ("experiments", base if isinstance(base, str) else "")
+        if own not in tables:
+            problem = "missing" if base is None else f"there is no experiment {found(base)}"
+            near = suggest(str(base), (str(at[1]) for at in tables if at[0] == "experiments"))
+            document.report((*place, "base"), f"{problem}{near or '; name an experiment'}")
+            return None
+        if "kind" in tables[place]:
+            document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
+        layers[place] = {key: value for key, value in tables[place].items() if key not in ("base", "kind")}
+    name = tables[own].get("kind")
+    if not isinstance(name, str) or name not in kinds:
+        known = f"missing; known kinds: {', '.join(sorted(kinds))}"
+        text = known if name is None else f"unknown kind {found(name)}{suggest(str(name), kinds)}"
+        document.report((*own, "kind"), text)
         return None
-    base, kind_name = (next(str(at[1]) for at in layers if at[0] == key) for key in ("experiments", "defaults"))
-    kind, has_laboratory = kinds[kind_name], any(at[0] == LABORATORY for at in tables)
-    merged: dict[str, Any] = {}
-    overrides: dict[str, tuple[str, str]] = {}
-    for at, table in layers.items():
-        own, parts = dict(table), dict[str, tuple[Any, Place]]()
-        for info in fields_of(kind) if has_laboratory else ():
-            key, value = info.encode_name, own.get(info.encode_name)
-            name = value.get("from") if isinstance(value, dict) else value
-            if not isinstance(name, str) or not (inner := tables_of(info.type)):
-                continue
-            part: Place = (LABORATORY, key, name)
-            if part not in tables:
-                near = suggest(name, (str(one[2]) for one in tables if one[:2] == part[:2]))
-                near = near or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
-                document.report((*at, key), f'there is no {key} "{name}"{near}')
-                return None
-            own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
-            parts[key] = inner[0], part
-        merged = _overlaid(document, merged, own, kind, place, at, overrides)
-        for key, (structure, part) in parts.items():  # a part lies below the table that names it
-            if isinstance(upper := merged.get(key), dict):
-                merged[key] = _overlaid(document, upper, tables[part], structure, (*place, key), part, overrides)
-    # a value of the laboratory's file belongs to the line that refers to it
-    lines = {}
-    for at, _ in placed(merged, place):
-        to = document.written(at)
-        lines[dotted(at[2:])] = replace(document, origin={}).line(at if to[0] == LABORATORY else to)
-    if not any(info.encode_name == "kind" for info in fields_of(kind)):
-        merged.pop("kind", None)
-    settings = checker.structure(kind, _named(merged, base), place)
+    is_asked = any(info.encode_name == "kind" for info in fields_of(kinds[name]))
+    layers[own] = {key: value for key, value in tables[own].items() if is_asked or key != "kind"}
+    layers |= {at: tables[at] for at in (("defaults", name), (LABORATORY, "defaults", name)) if at in tables}
+    checker = replace(checker, base=str(own[1]), lines={}, overrides={})
+    (_, uppermost), *below = layers.items()
+    settings = checker.value(kinds[name], uppermost, place, below)
     if not isinstance(settings, msgspec.Struct):
         return None
     try:
         settings = without_excluded(settings)
     except InputError as error:
-        checker.report((*place, EXCLUDE, int(error.reason)), str(error))
-    of = base if place[0] == "variants" else ""
-    return Experiment(checker.own, kind_name, settings, lines, of, overrides=overrides)
+        document.report((*place, EXCLUDE, int(error.reason)), str(error))
+    lines = {dotted(at): line for at, line in checker.lines.items()}
+    return Experiment(checker.own, name, settings, lines, "" if own == place else checker.base, {}, checker.overrides)
 
 
 def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, str]]:
     """Return the settings in which two of one kind differ, with both values in words; notes do not count."""
     old, new = (
         {
-            place: show(value) if isinstance(value, Quantity) else str(value).removeprefix(REFERENCE)
+            place: str(value).removeprefix(REFERENCE)
             for place, value, _ in every_setting(settings)
             if not (isinstance(value, msgspec.Struct | list | None) or place.startswith("notes"))
         }
@@ -379,16 +337,14 @@ def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, 
     return {place: (old.get(place, "none"), new.get(place, "none")) for place in places}
 
 
-def _check_names(document: Document, places: Mapping[str, Place], variants: Collection[str]) -> None:
+def _check_names(document: Document, places: Mapping[str, Place]) -> None:
     """Report names of experiments that cannot be names of files, or that a disk may take for one."""
     alike: dict[str, str] = {}
     for name, place in places.items():
-        if place[0] == "experiments" and name in variants:
-            document.report(("variants", name), "an experiment has this name; give the variant another one")
         problem = name_problem(name)
         if problem is None and ("/" in name or name.startswith(".")):
             problem = "it contains /, or begins with a full stop"
-        elif len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
+        if problem is None and len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
             problem = f"it is longer than {_LONGEST_NAME} bytes"
         if problem:
             document.report(place, f"cannot be the name of an experiment: {problem}")
@@ -396,41 +352,3 @@ def _check_names(document: Document, places: Mapping[str, Place], variants: Coll
         other = alike.setdefault(unicodedata.normalize("NFC", name).casefold(), name)
         if other != name:
             document.report(place, f'differs from "{other}" only in case; rename one')
-
-
-def _overlaid(
-    document: Document,
-    own: Mapping[str, Any],
-    below: Mapping[str, Any],
-    kind: Any,
-    place: Place,
-    low: Place,
-    overrides: dict[str, tuple[str, str]],
-) -> dict[str, Any]:
-    """Lay a table over a lower one, and so the tables within; note where the values of the lower one were written.
-
-    Of settings that exclude each other, ``alternatives`` of their structure, those of the upper table count.
-    """
-    types = {info.encode_name: info.type for info in fields_of(kind)} if kind is not None else {}
-    hidden = {key for group in getattr(kind, "alternatives", ()) if own.keys() & set(group) for key in group}
-    made = dict(own)
-    for key, value in below.items():
-        at, written = (*place, key), (*low, key)
-        if key in own and isinstance(own[key], dict) and isinstance(value, dict):
-            inner = next(iter(tables_of(types.get(key))), None)
-            made[key] = _overlaid(document, own[key], value, inner, at, written, overrides)
-        elif key in own and low[0] == LABORATORY != document.written(at)[0]:
-            if own[key] != value and not isinstance(own[key], list):
-                overrides.setdefault(dotted(at[2:]), (str(value), str(own[key])))
-        elif key not in own and key not in hidden:
-            made[key], document.origin[at] = value, written
-    return made
-
-
-def _named(node: Any, name: str) -> Any:
-    """Put the name of an experiment into the texts of its settings that leave a place for it."""
-    if isinstance(node, str):
-        return node.replace("{name}", name)
-    if isinstance(node, dict):
-        return {key: _named(child, name) for key, child in node.items()}
-    return [_named(child, name) for child in node] if isinstance(node, list) else node

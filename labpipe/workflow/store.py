@@ -130,10 +130,6 @@ class Store:
         """Where a result is."""
         return self._path(record.key, _ENDINGS[record.output])
 
-    def size(self, key: str) -> int:
-        """Bytes of a result; 0 where there is none."""
-        return 0 if (record := self.record(key)) is None else record.size
-
     def read(self, key: str) -> "xr.Dataset | str":
         """Return a result after comparing its whole content with its record.
 
@@ -218,26 +214,21 @@ class Store:
 
     # --- the last key of every task, for the reasons of a plan ---
 
-    def latest(self, experiment: str) -> dict[tuple[str, str | None], Last]:
-        """Return the last result of every stage and recording of an experiment."""
+    def latest(self, experiment: str) -> dict[TaskId, Last]:
+        """Return the last result of every task of an experiment."""
         try:
             found = files.unseal(self._latest_path(experiment).read_bytes())
-            return {(stage, recording): Last(*key) for stage, recording, *key in found}
+            return {TaskId(experiment, stage, recording): Last(*key) for stage, recording, *key in found}
         except (OSError, TypeError, ValueError):  # absent, damaged, or another record of ours
             return {}
 
-    def last(self, task: TaskId) -> Last | None:
-        """Return the last result of a task."""
-        return self.latest(task.experiment).get((task.stage, task.recording))
-
-    def note_latest(self, task: TaskId, key: str, taken_for: str | None = None) -> None:
-        """Remember the last result of a task; only the holder of the experiment's lock calls it."""
-        known, name, last = self.latest(task.experiment), (task.stage, task.recording), Last(key, taken_for)
-        if known.get(name) != last:
-            known[name] = last
-            entries = ([*of, *filter(None, one)] for of, one in known.items())
+    def note_latest(self, experiment: str, found: Mapping[TaskId, Last]) -> None:
+        """Remember the last results of tasks of an experiment; only the holder of its lock calls it."""
+        known = self.latest(experiment)
+        if known != (now := {**known, **found}):
+            entries = ([*task[1:], *filter(None, last)] for task, last in now.items())
             ordered = sorted(entries, key=lambda entry: (entry[0], entry[1] or ""))
-            files.write_bytes(self._latest_path(task.experiment), files.seal(ordered))
+            files.write_bytes(self._latest_path(experiment), files.seal(ordered))
 
     # --- locks and cleaning ---
 

@@ -16,7 +16,7 @@ import msgspec
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below
 from labpipe.workflow.document import Document
-from labpipe.workflow.graph import Stages, ancestors, spell_out
+from labpipe.workflow.graph import Stages, lineage, spell_out
 from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class Watcher:
         needs: dict[str, list[Path]] = {}
         for name in dict.fromkeys(task.experiment for task in tasks):
             own = [task for task in tasks if task.experiment == name]
-            behind = [file for task in (*ancestors(tasks, *own), *own) for file in tasks[task].files]
+            behind = [file for task in lineage(tasks, *own) for file in tasks[task].files]
             needs[name] = [session.files / file for file in dict.fromkeys(behind)]
         for file in sorted({file for files in needs.values() for file in files}):
             self.settling.look(file)

@@ -24,7 +24,6 @@ import tomlkit.items
 from labpipe.errors import InputError
 from labpipe.workflow.fields import REFERENCE, ReferenceMark, is_gap, mark, split
 from pipelines.experiments.shared.proposals import listed
-from pipelines.session import bare_type
 
 Place = tuple[str | int, ...]
 _HEADER = re.compile(r"^[ \t]*(\[{1,2})[ \t]*([^\[\]\n]+?)[ \t]*(\]{1,2}[ \t]*(?:#.*)?)$")
@@ -79,7 +78,7 @@ def rename(text: str, name: str, to: str, kinds: Mapping[str, type[msgspec.Struc
     tree[EXPERIMENTS] = {to if key == name else key: table for key, table in tree[EXPERIMENTS].items()}
     changed = _rewritten(text, name, tree, lambda own: _renamed(own, to))
     for place, kind, value in leaves(tree, kinds):
-        if mark(split(bare_type(kind))[1], ReferenceMark) and value in (name, REFERENCE + name):
+        if mark(kind, ReferenceMark) and value in (name, REFERENCE + name):
             changed = set_value(changed, place, REFERENCE + to if value.startswith(REFERENCE) else to)
     return changed
 
@@ -150,7 +149,7 @@ def values(
     table = table if isinstance(table, dict) else {}
     for info in msgspec.structs.fields(kind):
         must = is_required and info.required
-        name, bare = info.encode_name, split(bare_type(info.type))[0]
+        name, bare = info.encode_name, split(info.type)[0]
         inner = typing.get_args(bare)[0] if typing.get_origin(bare) is list else None
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             yield from values(bare, table.get(name), (*place, name), must)
@@ -202,7 +201,7 @@ def inline(value: Any) -> str:
 
 def as_value(kind: Any, text: str) -> Any:
     """Return a typed text as TOML keeps it for a field; an unsuitable one stays a text."""
-    bare = split(bare_type(kind))[0]
+    bare = split(kind)[0]
     try:
         if any(typing.get_origin(o) is dict or hasattr(o, "__struct_fields__") for o in typing.get_args(bare)):
             # the columns of a table, or a table of numbers

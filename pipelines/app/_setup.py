@@ -21,7 +21,7 @@ from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config
-from labpipe.workflow.document import dotted, nodes, parse
+from labpipe.workflow.document import counted, dotted, parse, texts_in
 from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
@@ -30,13 +30,13 @@ from pipelines.app._edits import tree_of
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
-from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, load, remedy, template_of
+from pipelines.session import COLUMNS, SETTINGS, gap_for, in_unit, library_names, load, remedy, template_of
 
 Told = dict[str, Any]
 _LONGEST = 2000  # characters of a value
 _RECORD_FIELDS = ("calibration", "camera", "record")
 _SYMBOLS = {"nu": "Poisson's ratio ν", "T_ref": "reference temperature"}
-_PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
+_PROBLEM = re.compile(r'(?s)^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"| no\. \d+(?:, )?|[^\s:"])+): )?(.*)$')
 
 
 def read(folder: Path) -> dict[str, str]:
@@ -174,7 +174,7 @@ def _of_kind(texts: Mapping[str, str], name: str, to: str) -> str:
             value = next((n for n, text in texts.items() if n != FILE_NAME and tree_of(text).get("view") == view), None)
         if value is None or key in ("kind", "view"):
             continue
-        is_list = typing.get_origin(split(bare_type(of))[0]) in (list, tuple)
+        is_list = typing.get_origin(split(of)[0]) in (list, tuple)
         if is_list != isinstance(value, list):
             value = [value] if is_list else value[0]
         changes.append(((edits.EXPERIMENTS, to, *place), value))
@@ -193,7 +193,7 @@ def _default(kind: type[msgspec.Struct], key: str) -> Any:
 def _new_record(folder: Path, texts: dict[str, str], kind: str, view: str, names: list[str]) -> None:
     """Add a calibration record that is to be filled in, and name it in experiments."""
     tree = tree_of(texts[FILE_NAME])[edits.EXPERIMENTS]
-    recordings = [text for name in names for text in nodes(tree[name]) if isinstance(text, str)]
+    recordings = [text for name in names for text in texts_in(tree[name])]
     taken = [name for name in recordings if name.rpartition(".")[2] != "toml" and safe_join(folder, name).exists()]
     for name in names:
         view = view or str(tree[name].get("view") or _default(SETTINGS[tree[name]["kind"]], "view"))
@@ -289,17 +289,17 @@ def _fields(
         path = place[len(prefix) :]
         if path in (("kind",), ("version",)):
             continue
-        bare = split(bare_type(of))[0]
+        bare = split(of)[0]
         choices: list[str] = []
         if typing.get_origin(bare) is Literal:
             choices = [str(a).lower() if isinstance(a, bool) else str(a) for a in typing.get_args(bare)]
         options = [typing.get_args(o) for o in typing.get_args(bare) if typing.get_origin(o) is Literal]
         is_list = typing.get_origin(bare) is list
-        is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
+        is_files = is_list and mark(typing.get_args(bare)[0], FileMark) is not None
         yield {
             "file": file,
             "place": list(place),
-            "dotted": dotted(place),
+            "dotted": counted(dotted(place)),
             "label": _label(path),
             "text": "" if value is None or is_gap(value) else _as_text(value),
             "files": value if is_files and isinstance(value, list) else None,
@@ -377,7 +377,7 @@ def _as_text(value: Any) -> str:
 def _columns_of(folder: Path, table: Any) -> list[str]:
     """Propose the columns of the recordings that no instrument recognises, as far as their headings tell."""
     proposed = []
-    for name in dict.fromkeys(node for node in nodes(table) if isinstance(node, str)):
+    for name in dict.fromkeys(texts_in(table)):
         try:
             path = safe_join(folder, name)
             status = path.stat()
@@ -431,13 +431,12 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
 
 def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
     """Return the errors and missing values of a record."""
-    gaps: dict[str, int] = {}
     try:
         document = parse(path, text)
-        config.Checker(document, path.parent, gaps=gaps).structure(kind, document.tree, ())
+        config.Checker(document, path.parent, may_fill=True).value(kind, document.tree, ())
         document.finish()
     except ConfigError as error:
-        return [*error.problems, *gaps]
+        return list(error.problems)
     except LabpipeError as error:
         return [f"{path.name}:1: {error}"]
-    return list(gaps)
+    return []

@@ -192,7 +192,7 @@ def make(
     sent = replace(shelf, folder=shelf.folder.absolute())
     tasks = {s.id: (sent, s, failures) for s in sorted(ready, key=lambda s: s.id not in _LONG)}
     engine = choose(workers if (workers := min(jobs, len(tasks))) > 1 else 0)
-    with contextlib.closing(side_by_side(engine, f"{__name__}:drawn", tasks, imports=_IMPORTS)) as answers:
+    with contextlib.closing(side_by_side(engine, drawn, tasks, imports=_IMPORTS)) as answers:
         for i, answer in answers:
             lost = replace(found[i], state=FAILED, detail=f"{answer}; too little memory?")
             found[i] = lost if isinstance(answer, Died) else answer

@@ -16,7 +16,7 @@ from markdown_it import MarkdownIt
 
 from labpipe import files
 from labpipe.units import Quantity
-from labpipe.workflow.fields import describe, show, split
+from labpipe.workflow.fields import describe, meanings, split
 from pipelines.cli import cli
 from pipelines.experiments import KINDS
 
@@ -61,10 +61,11 @@ def fields(table: type[msgspec.Struct]) -> tuple[str, list[tuple[str, ...]]]:
         elif given is None or isinstance(given, msgspec.Struct):
             default = "not given" if given is None else "its defaults"
         else:
-            default = f'`"{show(given)}"`' if isinstance(given, Quantity) else f"`{json.dumps(given)}`"
+            default = f'`"{given}"`' if isinstance(given, Quantity) else f"`{json.dumps(given)}`"
         if field.name != "kind":
             rest = [sentence for sentence in rest if sentence not in own]
-            rows.append((f"`{field.name}`", " ".join(own).replace("|", "\\|"), describe(hints[field.name]), default))
+            meaning = (" ".join(own) or meanings(table).get(field.name, "")).replace("|", "\\|")
+            rows.append((f"`{field.name}`", meaning, describe(hints[field.name]), default))
     return " ".join(rest), rows
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from labpipe.errors import InputError
-from labpipe.workflow.engines import Call, Died, elsewhere
+from labpipe.workflow.engines import Died, elsewhere
 from labpipe.workflow.graph import imports_of
 from labpipe.workflow.results import Event, RunResult
 from labpipe.workflow.session import FILE_NAME, Session
@@ -66,10 +67,16 @@ def record_demo(folder: str | Path) -> bool:
     stages = (stage for kind in _KINDS for stage in STAGES[kind])
     imports = (*imports_of(stages), _RECORDING, "labpipe.compilation")
     try:
-        elsewhere(Call(f"{_RECORDING}:write_sample", ("demo", Path(folder)), imports=imports))
+        elsewhere(partial(_recorded, Path(folder)), imports)
     except Died as death:
         raise InputError(f"the demonstration was not recorded: {death}; remove {folder} and try again") from None
     return True
+
+
+def _recorded(folder: Path) -> None:
+    from pipelines.rig.samples import write_sample
+
+    write_sample("demo", folder)
 
 
 def demo(

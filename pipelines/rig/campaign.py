@@ -160,7 +160,7 @@ def write_campaign(
     parts = [part for part in _parts(folder, start, extent) if not only or set(part[0]) & set(only)]
     tasks = dict(enumerate(parts))
     found: dict[int, str] = {}
-    for number, section in side_by_side(choose(workers), f"{__name__}:written", tasks):
+    for number, section in side_by_side(choose(workers), written, tasks):
         if isinstance(section, Died):
             raise LabpipeError(f"recording {', '.join(parts[number][0])}: {section}; too little memory?")
         found[number] = section

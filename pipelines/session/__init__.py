@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pipelines.session._export import FORMATS as FORMATS, export as export
     from pipelines.session._gaps import (
         Gap as Gap,
-        bare_type as bare_type,
         checked as checked,
         gap_for as gap_for,
         in_unit as in_unit,

@@ -1,7 +1,6 @@
 """Values that no file contains: the gaps of a session.toml, questions for them, and templates made of gaps alone."""
 
 import re
-import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ import msgspec
 from labpipe import installation
 from labpipe.errors import InputError, UsageError
 from labpipe.units import quantity, unit
-from labpipe.workflow.fields import Dimension, FileMark, describe, mark, split, suggest
+from labpipe.workflow.fields import Dimension, FileMark, describe, mark, meanings, split, suggest
 from labpipe.workflow.session import FILE_NAME
 from pipelines import experiments
 from pipelines.experiments.shared.proposals import GAP, material_line, material_word
@@ -195,19 +194,12 @@ def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
 
 def gap_for(kind: Any) -> str:
     """Return the placeholder for a value of a field that is still to come."""
-    bare, marks = split(bare_type(kind))
+    bare, _ = split(kind)
     if typing.get_origin(bare) is list:
         return gap_for(typing.get_args(bare)[0])
-    dimension = mark(marks, Dimension)
+    dimension = mark(kind, Dimension)
     of_unit = dimension.example.rpartition(" ")[2] if dimension is not None and dimension.si != "1" else ""
     return f"{GAP} {of_unit}".strip()
-
-
-def bare_type(kind: Any) -> Any:
-    """Leave the None of an optional field away."""
-    options = [option for option in typing.get_args(kind) if option is not type(None)]
-    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
-    return options[0] if is_union and len(options) == 1 else kind
 
 
 def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
@@ -215,23 +207,24 @@ def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
     tables, further = [], []
     for info in msgspec.structs.fields(kind):
         name = info.encode_name
-        bare, marks = split(bare_type(info.type))
+        bare, _ = split(info.type)
         is_list = typing.get_origin(bare) is list
         inner = typing.get_args(bare)[0] if is_list else bare
+        remark = ": ".join(filter(None, (meanings(kind).get(name), describe(info.type))))
         if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
             head = f"[[{place}.{name}]]" if is_list else f"[{place}.{name}]"
             tables += ["", head, *_fields(inner, f"{place}.{name}")] if info.required else []
         elif name == "material" and issubclass(kind, MaterialChoice):
             yield material_line("")
         elif not info.required and name != "kind":
-            further.append(f"# {name} = …  # {describe(info.type)}")
+            further.append(f"# {name} = …  # {remark}")
         elif name != "kind":
-            is_record = name in _RECORDS and mark(marks, FileMark) is not None
+            is_record = name in _RECORDS and mark(info.type, FileMark) is not None
             gap = f"calibration/{GAP}.toml" if is_record else gap_for(info.type)
             value = f'["{gap}"]' if is_list else f'"{gap}"'
             if typing.get_origin(bare) is Literal and len(typing.get_args(bare)) == 1:
                 yield f"{name} = {typing.get_args(bare)[0]!r}"
             else:
-                yield f"{name} = {value}  # {describe(info.type)}"
+                yield f"{name} = {value}  # {remark}"
     yield from further
     yield from tables

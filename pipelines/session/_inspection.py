@@ -303,7 +303,6 @@ def _record(file: Path) -> dict[str, Any]:
     """Describe a calibration record, or a material, whichever the file is."""
     from calibration import load_record
     from labpipe.workflow.document import parse
-    from labpipe.workflow.fields import show
 
     tree = parse(file).tree
     if "kind" not in tree:
@@ -316,7 +315,7 @@ def _record(file: Path) -> dict[str, Any]:
     names = ("id", "instrument", "serial", "valid_from", "valid_until", "who", "how")
     stated = {name: str(getattr(record, name)) for name in names if getattr(record, name, None)}
     values = msgspec.structs.asdict(record.values)
-    return head | {"of": record.kind} | stated | {n: show(v) for n, v in values.items() if isinstance(v, Quantity)}
+    return head | {"of": record.kind} | stated | {n: str(v) for n, v in values.items() if isinstance(v, Quantity)}
 
 
 _FRAMES = 8  # of a film that are drawn

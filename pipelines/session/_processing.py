@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -230,8 +231,8 @@ def compare(
         cause = f". Likely: {likely}" if likely else ""
         failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}{cause}")
     for name in (name for name in session.experiments if name not in failed):
-        tasks = [task for task in results.plan.tasks if task.experiment == name]
-        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
+        keys = results.plan.of(name).keys
+        kept = tuple(dict.fromkeys(f"{task.experiment}/{task.stage}" for task, key in keys.items() if key.kept))
         own = [replace(row, kept=kept) for row in compared(results, name) or []]
         rows += own
         if not own:
@@ -250,7 +251,7 @@ def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes:
 
     Where processes have worked, one more of them writes it, which has NumPy loaded.
     """
-    from labpipe.workflow.engines import Call, Died, elsewhere
+    from labpipe.workflow.engines import Died, elsewhere
 
     if session.variants:
         from pipelines.session._comparison import write_variants
@@ -261,9 +262,8 @@ def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes:
 
         verdicts_of(done)
     if has_processes and any(outcome.state == "done" for outcome in done.outcomes):
-        whole = replace(session, root=session.root.absolute())
         with contextlib.suppress(Died):
-            elsewhere(Call(f"{write_overview.__module__}:{write_overview.__name__}", (whole, STAGES, plan)))
+            elsewhere(partial(write_overview, session, STAGES, plan))
             return
     write_overview(session, STAGES, plan)
 

@@ -16,7 +16,7 @@ from instruments import photron
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError
 from labpipe.files import name_problem, printable, safe_join
-from labpipe.workflow.document import nodes, parse
+from labpipe.workflow.document import parse, texts_in
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS, Found
 
@@ -244,7 +244,7 @@ def survey(folder: Path) -> list[Surveyed]:
     except (OSError, ValueError, RecursionError, InputError):
         experiments = {}
     for experiment, table in experiments.items() if isinstance(experiments, dict) else ():
-        for text in {node for node in nodes(table) if isinstance(node, str)}:
+        for text in set(texts_in(table)):
             used.setdefault(text, []).append(experiment)
     has_session = (folder / FILE_NAME).is_file()
     instrument = {name: each for each in instruments.known() for name in found.of(each.name)}

@@ -17,7 +17,7 @@ import pandas as pd
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.report import Block, Column, Paragraph, Section, Table, shown_source
+from labpipe.report import Block, Column, Paragraph, Section, Table, shown_source, value_with_uncertainty
 from labpipe.uncertainty import (
     Budget,
     Indices,
@@ -35,7 +35,7 @@ from pipelines.experiments.shared.pages import session_document, synthetic_notic
 from pipelines.session._processing import processed_for
 from pipelines.session._results import derive, reopen_session
 
-_BEST = 20.0  # factor beyond which "better" means "exactly"
+_BEST = 20.0  # factor beyond which nothing of an uncertainty may remain
 _SAME = 0.05  # of the variance: shares that differ by less are equal
 
 
@@ -58,7 +58,7 @@ class Examined:
     @property
     def advice(self) -> str:
         """The inputs to measure better to halve the uncertainty."""
-        return _known_better(self.shares) if self.budget.u else "no input is uncertain"
+        return _reduction(self.shares) if self.budget.u else "no input is uncertain"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,10 +73,9 @@ class Sensitivity(ShownAsTable):
 
     def _shown(self) -> Shown:
         caption = f"{len(self.quantities)} quantities; pages: {', '.join(map(str, self.pages))}"
-        rows = [
-            (row["experiment"], row["quantity"], f"{row['value']:.5g} ± {row['u']:.2g} {row['unit']}", row["to_halve"])
-            for row in self.documents()
-        ]
+        budgets = [(e, e.budget) for e in self.quantities]
+        values = [value_with_uncertainty(budget.value, budget.u, e.quantity.unit) for e, budget in budgets]
+        rows = [(e.experiment, e.quantity.name, v, e.advice) for (e, _), v in zip(budgets, values, strict=True)]
         return Shown(caption, ("experiment", "quantity", "value", "to halve the uncertainty"), rows)
 
     def documents(self) -> list[dict[str, Any]]:
@@ -146,12 +145,13 @@ def examined(experiment: str, quantity: Quantity) -> Examined:
     )
 
 
-def _known_better(shares: dict[str, float]) -> str:
-    """Say which inputs of these shares of the variance to know how much better to halve the uncertainty."""
+def _reduction(shares: dict[str, float]) -> str:
+    """Say by how much the uncertainty of which inputs, of these shares of the variance, has to fall to halve it."""
     names, factor = inputs_to_halve(shares)
     *others, last = map(shown_source, names)
     text = f"{', '.join(others)} and {last}" if others else last
-    return f"know {text} exactly" if isinf(factor) or factor > _BEST else f"know {text} {factor:.2g} times better"
+    size = "to nothing" if isinf(factor) or factor > _BEST else f"{factor:.2g} times"
+    return f"reduce the uncertainty of {text} {size}"
 
 
 def answer(found: Sequence[Examined]) -> tuple[Block, ...]:
@@ -172,7 +172,7 @@ def answer(found: Sequence[Examined]) -> tuple[Block, ...]:
         shown = (f"{shown_source(n)} {100.0 * share:.0f} %" for n, share in list(mean.items())[:3] if share >= 0.01)
         widths = sorted((e.budget for e in group), key=lambda budget: budget.expanded())
         ends = dict.fromkeys(budget_blocks.half_width(widths[i], group[0].quantity.unit) for i in (0, -1))
-        rows.append((name, len(group), " to ".join(ends), ", ".join(shown), _known_better(mean)))
+        rows.append((name, len(group), " to ".join(ends), ", ".join(shown), _reduction(mean)))
     titles = ("quantity", "results", "expanded uncertainty, 95 %", "limiting inputs, mean share of the variance")
     table = Table(tuple(map(Column, (*titles, "to halve it"))), rows, sortable=False)
     gaps = {e: max(abs(r["share"] - e.shares.get(r["source"], 0.0)) for r in e.budget.rows) for e in uncertain}

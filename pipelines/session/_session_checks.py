@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
+from labpipe.workflow.document import counted
 from labpipe.workflow.exclusions import exclusions, files_of
 from labpipe.workflow.fields import every_setting
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
@@ -334,7 +335,7 @@ def _temperatures(session: Session) -> _Owned:
             number = value.value
             if number < -150.0 or 250.0 <= number <= 400.0:
                 meant = f"{number:g} K = {number - _KELVIN:.4g} °C" if number > 0.0 else f"{number + _KELVIN:.4g} °C"
-                text, cause = f"{setting} is {number:.4g} °C", f"{meant} is meant: its unit is wrong"
+                text, cause = f"{counted(setting)} is {number:.4g} °C", f"{meant} is meant: its unit is wrong"
                 yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 

@@ -43,7 +43,7 @@ def fill(document: Document, root: Path) -> None:
     if not isinstance(head, dict) or not isinstance(tables, dict) or (given := head.pop("stated", None)) is None:
         return
     folder = (root / str(head.get("files", ""))).resolve()
-    if not isinstance(stated := Checker(document, folder).structure(Stated, given, _PLACE), Stated):
+    if not isinstance(stated := Checker(document, folder).value(Stated, given, _PLACE), Stated):
         return
     try:
         where, rows = _rows(folder / stated.file, stated)

@@ -34,7 +34,6 @@ BLOCK = 25
 """Points handed to a worker at a time: about a second of work, small against a restart."""
 MOST_BLOCKS = 4000
 """Larger sweeps have larger blocks: each is a file, flushed to the disk while workers wait."""
-COMPUTE = f"{__name__}:compute"
 _IMPORTS = ("numpy", "xarray", "labpipe.contact", "pipelines.sweeps.simulators")
 
 
@@ -138,7 +137,7 @@ def sweep(
     reused = sum(map(len, found.values()))
     missing = {key: (plan, block) for key, block in blocks.items() if key not in found}
     engine = choose((jobs or processors()) if jobs != 1 else 0, cluster)
-    for key, answer in side_by_side(engine, COMPUTE, missing, imports=_IMPORTS):
+    for key, answer in side_by_side(engine, compute, missing, imports=_IMPORTS):
         found[key] = [str(answer)] * len(blocks[key]) if isinstance(answer, Died) else answer
         files.write_bytes(parts / f"{key}.json", files.seal(found[key]))
         if progress is not None:

@@ -86,6 +86,14 @@ def _exchanged(cells: list[str], i: int, p: int) -> list[str]:
     return cells
 
 
+def _reversed(cells: list[str], i: int, p: int) -> list[str]:
+    """Let the loss factor of a row agree with its moduli, and the frequency go the other way in one interval."""
+    del p
+    if i == 1:
+        cells[OMEGA] = f"{10.0 / float(cells[OMEGA]):.6g}"
+    return cells
+
+
 def _label(old: str, new: str, count: int = -1) -> Edit:
     return _rewritten(lambda text: text.replace(old, new, count))
 
@@ -131,7 +139,9 @@ ROWS = (
     # one value, one row
     Mistake("one storage modulus x1000", _scaled(STORAGE, 1e3, 0.0, 1, 4), "impossible", ("1000",), FIRST),
     Mistake("decimal point lost in one value", _scaled(STORAGE, 10.0, 0.0, 2, 5), "impossible", ("10",), FIRST),
+    Mistake("one storage modulus mistyped", _scaled(STORAGE, 1.3, 0.0, 1, 4), "doubtful", ("row is mistyped",), FIRST),
     # intervals
+    Mistake("frequencies reversed in one", _rows(_reversed), "impossible", ("interval 2", "reverse order"), FIRST),
     Mistake("one interval 30 K too high", _scaled(T, 1.0, 30.0, 2), "impossible", ("interval 3",), FIRST),
     Mistake("constant temperature", _rows(_constant_temperature), "impossible", ("constant",), FIRST),
     # files

@@ -69,6 +69,10 @@ def _wild(place: int, count: int, size: float) -> Callable[[Floats], Floats]:
     return lambda x: x + size * ((np.arange(x.size) >= place) & (np.arange(x.size) < place + count))
 
 
+def _averaged(x: Floats) -> Floats:
+    return np.convolve(np.concatenate([np.full(47, x[0]), x]), np.ones(48) / 48, "valid")
+
+
 def _mains(x: Floats) -> Floats:
     return np.sin(2 * np.pi * 50.0 * 50e-6 * np.arange(x.size))
 
@@ -120,6 +124,10 @@ ROWS = (
     Mistake("display x10", values(lambda x: 10.0 * x), "impossible", ("10", "times too large")),
     Mistake("gain one half", values(lambda x: 0.5 * x), "impossible", ("too small by a factor of 2",)),
     Mistake("decimal point lost", cells(lambda t: [text.replace(".", "") for text in t]), "impossible", ("unit",)),
+    Mistake(
+        "gain 1.02 of one", values(lambda x: x.mean() + 1.02 * (x - x.mean()), LAST), "impossible", ("gain",), ALL[2]
+    ),
+    Mistake("average of 48", values(_averaged), "impossible", ("averages or filters",)),
     # what the session states
     Mistake("height 15 for 1.5 mm", setting('"1.5 ±', '"15 ±'), "impossible", ("drop height", "1.50 mm"), _TOML, 17),
     Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
@@ -166,6 +174,7 @@ ROWS = (
     Mistake("60 rows lost", cells(lambda t: t[:1000] + t[1060:]), "impossible", ("lost",)),
     Mistake("one row lost in flight", cells(lambda t: t[:740] + t[741:], FIRST), "doubtful", ("single rows: 1 lost",)),
     Mistake("one row doubled in flight", cells(lambda t: t[:740] + t[739:], FIRST), "doubtful", ("1 doubled",)),
+    Mistake("25 rows doubled", cells(lambda t: t[:1025] + t[1000:], FIRST), "impossible", ("twice",)),
     Mistake("60 rows doubled", cells(lambda t: t[:1060] + t[1000:]), "impossible", ("twice",)),
     Mistake("level jump", values(lambda x: x + 0.5 * (np.arange(x.size) > 1500)), "impossible", ("75", "jump")),
     Mistake("drift 1 mm", values(lambda x: x + np.linspace(0.0, 1.0, x.size)), "impossible", ("drift",)),

@@ -30,11 +30,14 @@ def write(folder: Path) -> Path:
     return folder
 
 
-def _exchanged(folder: Path) -> None:
-    first, second = folder / ALL[0], folder / ALL[1]
-    kept = first.read_bytes()
-    first.write_bytes(second.read_bytes())
-    second.write_bytes(kept)
+def _exchanged(one: int, other: int) -> Edit:
+    def edit(folder: Path) -> None:
+        first, second = folder / ALL[one], folder / ALL[other]
+        kept = first.read_bytes()
+        first.write_bytes(second.read_bytes())
+        second.write_bytes(kept)
+
+    return edit
 
 
 def _height(material: str, old: str, new: str) -> Edit:
@@ -51,9 +54,10 @@ ROWS = (
     ),
     Mistake("mass in kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("sphere.mass",), _TOML),
     # time
+    Mistake("cycle doubled in one", header("cycle,50us", "cycle,25us", (PTFE,)), "impossible", ("interval of", PTFE)),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
-    # sensor
     # recordings
-    Mistake("two heights exchanged", _exchanged, "impossible", ("height",)),
+    Mistake("two heights exchanged", _exchanged(0, 1), "impossible", ("recordings of acrylic, 1.5 mm", "exchanged")),
+    Mistake("two materials exchanged", _exchanged(0, 2), "doubtful", ("ptfe, 1.5 mm", "exchanged")),
 )

@@ -34,7 +34,7 @@ from pipelines.experiments.plate_vibration import measured as plate_vibration, m
 from pipelines.experiments.relaxation import measured as relaxation
 from pipelines.experiments.shared import laser_readings, mach1_readings
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-from pipelines.experiments.static_loading import load_steps, measured as static_loading
+from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
@@ -177,7 +177,7 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
     moved = static_loading.displacement(
         laser_readings.readings(folder / file, settings=settings), folder / "calibration/laser.toml", settings=settings
     )
-    steps = load_steps.steps(moved, settings=settings)
+    steps = static_loading.steps(moved, settings=settings)
     found = static_loading.approach(moved, steps, settings=settings)
     known, time = truth(folder, "s"), found["time"].values
     approach = np.interp(time, known["time"], known["approach"])

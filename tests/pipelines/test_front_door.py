@@ -88,7 +88,7 @@ def test_texts_with_units_equal_numbers_in_si() -> None:
 @pytest.mark.parametrize(
     ("given", "unit", "expected"),
     [("4.1 um/px", "m or m/px", 4.1e-6), ("4.1 um", "m or m/px", 4.1e-6), (np.float64(2), "m", 2),
-     (Quantity(0.5, 0.1, "kg"), "kg", 0.5), ("39 °C", "degC", 39.0), (np.inf, "m", np.inf)],
+     (Quantity(0.5, 0.0, "kg"), "kg", 0.5), ("39 °C", "degC", 39.0), (np.inf, "m", np.inf)],
 )  # fmt: skip
 def test_a_quantity_is_a_number_a_text_or_a_pair(given, unit: str, expected: float) -> None:
     assert si(given, unit, "x") == pytest.approx(expected, rel=1e-12)
@@ -100,7 +100,7 @@ def test_a_quantity_is_a_number_a_text_or_a_pair(given, unit: str, expected: flo
      ("505 g", r'radius: "505 g" is in kg; expected a number in m'),
      (Quantity(1.0, 0.0, "s"), "radius: 1 s is in s; expected a number in m"),
      ("9.525 inches", 'radius: unknown unit "inches"'),
-     ("9.525 ± 0.005 mm", "states an uncertainty, and one simulation does not propagate it"),
+     ("9.525 ± 0.005 mm", "states an uncertainty, and one computation does not propagate it"),
         (None, "drop needs radius as well")],
 )  # fmt: skip
 def test_a_wrong_quantity_is_refused_by_the_name_of_its_argument(given, message: str) -> None:

@@ -62,6 +62,7 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
     ("line", "code", "words"),
     [
         ("adhesion --work '50 mJ'", 2, "is in J; expected a number in J/m2"),
+        ("indent --tip-radius '2 ± 0.5 mm'", 2, "states an uncertainty, and one computation"),
         ("drop --duration '0.01 s' --adhesion '50 mJ/m2'", 3, "no completed impact"),
         ("indent --mean '5 mm'", 3, "reaches the end of the indenter"),
         ("drop --picture x.bmp --duration '0.02 s'", 3, "figure format"),

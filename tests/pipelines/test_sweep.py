@@ -168,7 +168,7 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
 ) -> None:
     marker = tmp_path / "alive"
     marker.touch()
-    monkeypatch.setattr(run_module, "COMPUTE", f"{__name__}:deadly")
+    monkeypatch.setattr(run_module, "compute", deadly)
     monkeypatch.setattr(run_module, "BLOCK", 2)
     fixed = {"marker": str(marker)}
     found = sweep("toy", tmp_path / "map.nc", vary={"x": "1:20:20"}, fixed=fixed, jobs=2).dataset

@@ -11,7 +11,7 @@ from labpipe.contact._memory import Creep
 from labpipe.contact.impact._rings import Profile
 from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
-from labpipe.units import Measure, Quantity, quantity, require_positive, si
+from labpipe.units import Measure, require_positive, si
 
 Solver = Literal["mdr", "rings", "thesis"]
 
@@ -169,17 +169,8 @@ class Scales:
 
 
 def exact(given: Measure, name: str) -> float:
-    """Return an argument in SI; a stated uncertainty is refused, for a simulation does not propagate it."""
-    found = si(given, _UNITS[name], name)
-    stated = quantity(given) if isinstance(given, str) else given
-    if isinstance(stated, Quantity) and stated.u > 0.0:
-        text = f'"{given}"' if isinstance(given, str) else f"{stated.value:g} ± {stated.u:g} {stated.si}"
-        raise InputError(
-            f"{name}: {text} states an uncertainty, and one simulation does not propagate it; give the value alone. "
-            f"Uncertainties of the inputs are propagated in a session (process, and sensitivity for each input), or by "
-            f"labpipe.contact.impacts with a sequence of values of {name}"
-        )
-    return found
+    """Return an argument in SI; a stated uncertainty is refused."""
+    return si(given, _UNITS[name], name)
 
 
 def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:

@@ -30,7 +30,8 @@ from labpipe.materials.prony._interconversion import (
     merged,
     relaxation_from_creep,
 )
-from labpipe.notebook import html_table, shown
+from labpipe.notebook import html_table
+from labpipe.units import Quantity
 
 Mode = Literal["tension", "shear", "contact"]
 
@@ -286,17 +287,16 @@ class Prony:
         return f"Prony({self._caption})"
 
     def _repr_html_(self) -> str:
-        rows = [(shown(E, "Pa"), shown(rho, "s")) for E, rho in zip(self.E, self.rho, strict=True)]
+        rows = [(Quantity(E, 0.0, "Pa"), Quantity(rho, 0.0, "s")) for E, rho in zip(self.E, self.rho, strict=True)]
         return html_table(f"Prony series: {self._caption}", ("E", "rho"), rows)
 
     @property
     def _caption(self) -> str:
         n = self.rho.size
-        span = f" from {shown(self.rho[0], 's')} to {shown(self.rho[-1], 's')}" if n else ""
-        return (
-            f"E relaxed {shown(self.E_relaxed, 'Pa')}, unrelaxed {shown(self.E_unrelaxed, 'Pa')}, "
-            f"{n} term{'s' * (n != 1)}{span}, nu {self.nu:g}"
-        )
+        relaxed, unrelaxed = (Quantity(E, 0.0, "Pa") for E in (self.E_relaxed, self.E_unrelaxed))
+        ends = [str(Quantity(rho, 0.0, "s")) for rho in self.rho[[0, -1][: 2 * n]]]
+        span = f" from {' to '.join(ends)}" if n else ""
+        return f"E relaxed {relaxed}, unrelaxed {unrelaxed}, {n} term{'s' * (n != 1)}{span}, nu {self.nu:g}"
 
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the terms of both families, so that a copy is bit-identical."""

@@ -49,7 +49,7 @@ def master_curve(
     *,
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto",
     delay: bool | Literal["auto"] = "auto",
-    nu: float | None = None,
+    nu: Measure | None = None,
     mode: Mode | None = None,
 ) -> MasterCurve:
     """Shift isothermal sweeps onto one curve and fit its spectrum, all at once.
@@ -77,7 +77,7 @@ def master_curve(
         ``storage`` and ``loss`` it is 0.5 unless given.
     mode : {"tension", "bending", "shear", "torsion"}
         The loading, where readings are given; shear moduli become E = 2 (1 + ν) G. By default that of the
-        column of strain or modulus, if it shows shear or extension.
+        column of strain or modulus, if it shows shear or extension; another one is refused.
 
     Returns
     -------
@@ -86,8 +86,8 @@ def master_curve(
     Raises
     ------
     InputError
-        The sweeps are not usable (the message says where), mode or Poisson's ratio of readings is missing,
-        T_ref lies outside the range of free shifts, or an option is unknown.
+        The sweeps are not usable (the message says where), mode or Poisson's ratio of readings is missing, or the
+        mode contradicts their headings; T_ref lies outside the range of free shifts, or an option is unknown.
 
     Warns
     -----
@@ -145,7 +145,7 @@ def master_curve(
 
 
 def _in_tension(
-    sweeps: xr.Dataset | Sequence[xr.Dataset], mode: Mode | None, nu: float | None
+    sweeps: xr.Dataset | Sequence[xr.Dataset], mode: Mode | None, nu: Measure | None
 ) -> tuple[xr.Dataset, float]:
     """Return sweeps in tension and Poisson's ratio; readings are gathered first."""
     if isinstance(sweeps, str | Path):
@@ -159,9 +159,10 @@ def _in_tension(
             f"master_curve takes a Dataset, found {type(sweeps).__name__}: the readings of lp.read(file), or storage "
             "and loss (Pa) over temperature (°C) and frequency (Hz)"
         )
+    ratio = None if nu is None else si(nu, "1", "nu")
     if len(parts) == 1 and not _READINGS & set(map(str, parts[0].variables)):
-        return parts[0], 0.5 if nu is None else nu
-    mode, nu = loading_asked_for(parts, mode, nu)
+        return parts[0], 0.5 if ratio is None else ratio
+    mode, nu = loading_asked_for(parts, mode, ratio)
     return gather_sweeps([with_responses(part) for part in parts], mode, nu), nu
 
 

@@ -40,9 +40,9 @@ class MasterCurve(ShownAsTable):
         The vertical law that was used. With "rho_T" of several, b_T holds the fall of the density too.
     delay, u_delay : float [s]
         Delay of the instrument's phase; zero when none was needed.
-    law, laws : ShiftLaw, dict of str to ShiftLaw
-        The law that was asked for, or the better of WLF and Arrhenius through the free shifts; ``law.holds`` is False
-        where it does not describe them, and the shifts then count without a law. Both laws through the shifts.
+    nearest_law, laws : ShiftLaw, dict of str to ShiftLaw
+        The law that was asked for, or the better of WLF and Arrhenius through the free shifts, even where it does not
+        describe them (``law`` is None then, and the shifts count without it). Both laws through the shifts.
     prony, terms : Prony, Dataset over ``term``
         The material at T_ref; ``E``, ``rho``, ``C``, ``tau`` and ``extrapolated`` (outside the covered window).
     kramers_kronig : KramersKronig
@@ -71,7 +71,7 @@ class MasterCurve(ShownAsTable):
     vertical: str
     delay: float
     u_delay: float
-    law: ShiftLaw
+    nearest_law: ShiftLaw
     laws: dict[str, ShiftLaw]
     prony: Prony
     terms: xr.Dataset
@@ -85,9 +85,14 @@ class MasterCurve(ShownAsTable):
     warnings: tuple[str, ...]
     work: dict[str, int]
 
+    @property
+    def law(self) -> ShiftLaw | None:
+        """The shift law of the sweeps; None where neither law holds, or one temperature shows none."""
+        return self.nearest_law if self.laws and self.nearest_law.holds else None
+
     def _shown(self) -> Shown:
-        name = {"wlf": "WLF", "arrhenius": "Arrhenius"}[self.law.name]
-        law = f"{name} law" if self.law.holds else "no law holds (free shifts)"
+        name = {"wlf": "WLF law", "arrhenius": "Arrhenius law"}
+        law = name[self.law.name] if self.law else "no law holds (free shifts)" if self.laws else "one temperature"
         caption = f"Master curve at {self.T_ref:g} °C, superposition: {self.verdict.level}, {law}; {self.prony!r}"
         columns = (self.log10_aT["temperature"], self.log10_aT, self.u_log10_aT, self.b_T)
         rows = [
@@ -105,7 +110,7 @@ class MasterCurve(ShownAsTable):
             The law has no value there.
         """
         measured = self.log10_aT["temperature"].values, self.log10_aT.values
-        log10_aT = shift_at(self.law, *measured, temperature)
+        log10_aT = shift_at(self.nearest_law, *measured, temperature)
         inside = self.b_T.dropna("temperature").sortby("temperature")
         b_T = np.interp(temperature, inside["temperature"].values, inside.values)
         return self.prony.shifted(10.0**log10_aT, float(b_T))
@@ -125,8 +130,8 @@ class MasterCurve(ShownAsTable):
             "vertical_law": self.vertical,
             "delay": self.delay,
             "u_delay": self.u_delay,
-            "shift_law": self.law.name,
-            "shift_law_parameters": json.dumps(list(self.law.parameters)),
+            "shift_law": self.law.name if self.law else "none",
+            "shift_law_parameters": json.dumps(list(self.law.parameters if self.law else ())),
             "kramers_kronig": self.kramers_kronig.verdict,
             "superposition": self.verdict.level,
             "work": json.dumps(self.work),
@@ -180,7 +185,7 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, T_ref: 
         vertical="linear" if model.vertical == "none" and is_sloped else model.vertical,
         delay=state.delay,
         u_delay=float(u_delay),
-        law=chosen,
+        nearest_law=chosen,
         laws=laws,
         prony=prony,
         terms=terms_of(prony, window),

@@ -65,12 +65,7 @@ def loading_asked_for(readings: Sequence[xr.Dataset], mode: Mode | None, nu: flo
     Raises
     ------
     InputError
-        The mode is not given and no heading shows it; Poisson's ratio is not given.
-
-    Warns
-    -----
-    UserWarning
-        The mode contradicts a heading.
+        The mode is not given and no heading shows it, or it contradicts one; Poisson's ratio is not given.
     """
     seen, heading = loading_of(readings[0])
     is_shear = seen == "shear"
@@ -87,11 +82,11 @@ def loading_asked_for(readings: Sequence[xr.Dataset], mode: Mode | None, nu: flo
         raise InputError(
             f'the readings are {kind}: give nu=, Poisson\'s ratio of the material, as in mode="{example}", nu=0.35'
         )
-    if mode is not None and seen and is_shear != (mode in ("shear", "torsion")):
-        warnings.warn(
-            f'mode = "{mode}", but the readings have a column "{heading}": they seem to be '
-            f"{'shear' if is_shear else 'tension'} moduli, a factor 2 (1 + nu) from those of the other mode",
-            stacklevel=3,
+    if mode in get_args(Mode) and seen and is_shear != (mode in ("shear", "torsion")):
+        raise InputError(
+            f'mode = "{mode}", but the readings have a column "{heading}": they are '
+            f"{'shear' if is_shear else 'tension'} moduli, a factor 2 (1 + nu) from those of the other mode. Leave "
+            "mode out, or where the heading is wrong, correct it: its long_name in the readings"
         )
     return mode or ("shear" if is_shear else "tension"), nu
 

@@ -7,7 +7,6 @@ import xarray as xr
 
 from labpipe.uncertainty import Input
 from pipelines.experiments.shared.budget_quantity import (
-    IMPACTS,
     MEASURED,
     Quantity,
     clock,
@@ -16,6 +15,7 @@ from pipelines.experiments.shared.budget_quantity import (
     repeats,
     summed,
 )
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.pages import present
 
 

@@ -187,11 +187,7 @@ def _model(settings: BallDrop, model: xr.Dataset) -> Section:
 
 
 def _methods(
-    settings: BallDrop,
-    repeats: xr.Dataset,
-    displacement: Sequence[xr.Dataset | None] = (),
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
+    settings: BallDrop, displacement: Sequence[xr.Dataset | None] = (), model: xr.Dataset | None = None
 ) -> Section:
     sphere, n = settings.sphere, len(settings.laser)
     times = {1: "once", 2: "twice"}.get(n, f"{n} times")
@@ -209,15 +205,7 @@ def _methods(
     )
     if model is not None:
         text += simulated(settings, model)
-    if comparison is not None:
-        text += (
-            "The normalised root-mean-square error between the mean displacement and the model, relative to the range "
-            f"of the model, was {float(comparison['nrmse']) * 100:.2f} %. "
-        )
-    first = pages.told(repeats, "restitution", 0)
-    return pages.methods(
-        f"{text}The coefficient of restitution of the first impact was {first} (standard uncertainty).", settings
-    )
+    return pages.methods(text.strip(), settings)
 
 
 page = Report(

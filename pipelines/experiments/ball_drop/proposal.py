@@ -9,7 +9,7 @@ from pipelines.experiments.shared.record_templates import laser_record
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
-    """Propose an experiment for every group of repeats, whose names differ in their last number."""
+    """Propose an experiment for every group of repeats, of one name."""
     for stem, files in proposals.grouped(names, proposals.without_repeat):
         yield Proposed(stem, tuple(files), partial(_text, found, files))
 
@@ -20,7 +20,7 @@ kind = "ball_drop"  # laser readings of a fall
 laser = {proposals.listed(files)}
 calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, \
 with its uncertainty
-{proposals.height_line(files[0])}
+{proposals.height_line(files[0], proposals.fall_shown(found.path(files[0])))}
 
 [experiments.{name}.sphere]
 {proposals.SPHERE}

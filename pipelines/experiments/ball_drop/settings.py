@@ -41,18 +41,18 @@ class BallDrop(Recorded, frozen=True, kw_only=True):
 
     alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["ball_drop"]
-    laser: Annotated[list[File], msgspec.Meta(min_length=1)]
-    calibration: File
-    height: Annotated[Length, POSITIVE]
-    sphere: Sphere
-    counter_body: Flat = "sapphire"
-    measured_on: date | None = None
-    keyence: Keyence = Keyence()
-    sensor: Sensor = Sensor()
-    analysis: Analysis = Analysis()
-    model: DropModel = DropModel()
-    plate: Plate | None = None
-    plate_from: ExperimentName | None = None
+    laser: Annotated[list[File], msgspec.Meta(min_length=1)]  #: recordings, one for each repeat
+    calibration: File  #: calibration record of the laser
+    height: Annotated[Length, POSITIVE]  #: fall from release to first touch
+    sphere: Sphere  #: the falling body
+    counter_body: Flat = "sapphire"  #: the flat on which it falls
+    measured_on: date | None = None  #: day of the measurement
+    keyence: Keyence = Keyence()  #: what the laser's files lack
+    sensor: Sensor = Sensor()  #: output and direction of the laser
+    analysis: Analysis = Analysis()  #: how displacement becomes bounces
+    model: DropModel = DropModel()  #: the simulation
+    plate: Plate | None = None  #: the plate under the sphere, if it vibrates
+    plate_from: ExperimentName | None = None  #: plate vibration that measured the plate
 
     def __post_init__(self) -> None:
         """Refuse two plates."""

@@ -8,7 +8,8 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.contact_area.comparison import largest_radii
-from pipelines.experiments.shared.budget_quantity import IMPACTS, MEASURED, Quantity, of_simulation
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, of_simulation
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 
 def quantities(

@@ -79,7 +79,7 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     radius, impacts, sphere = given.get("radius"), given.get("impacts"), settings.sphere
-    _, checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
+    checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
@@ -129,13 +129,6 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
     if light is None:
         yield not_made(FRINGE, "the wavelength of monochromatic light")
         return
-    message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
-    level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
-    cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
-    if level == "doubtful":
-        other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        cause = exposed(radius, film).cause or other
-    yield stated("fringes are resolved", message, level, cause=cause, file=film)
     if fringes and isfinite(ratio):
         u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
         u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
@@ -154,6 +147,13 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
             f"or a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
         )
         yield replace(found, message=message) if found.level else found
+    message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+    level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
+    cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
+    if level == "doubtful":
+        other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
+        cause = exposed(radius, film).cause or other
+    yield stated("fringes are resolved", message, level, cause=cause, file=film)
 
 
 def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, is_law: bool = True) -> Check:

@@ -88,7 +88,8 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Find the first three impacts with their largest radius, and the radius at rest."""
     time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
-    runs = _contacts(time, seen, ~radius["valid"].values.astype(bool) if "valid" in radius else ~seen & False)
+    unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros_like(seen)
+    runs = _contacts(time, seen, unknown)
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]

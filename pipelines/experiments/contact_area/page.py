@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe.imaging import USUAL_WORK
-from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity, value_with_uncertainty
+from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
 from pipelines.experiments.contact_area.budget import quantities
-from pipelines.experiments.contact_area.comparison import largest_radii, rows as compared_rows
+from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP, with_circles
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
@@ -182,36 +182,22 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(
-    settings: ContactArea,
-    radius: xr.Dataset,
-    impacts: xr.Dataset,
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
+def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
-    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if text and counts[code]]
+    used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code] and text]
     parts = [f"in {pages.counted(count, 'frame')} {text}" for count, text in used]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
-    text += ". "
     if settings.wavelength is not None and (counts[1] or counts[OPEN_GAP]):
         text += (
-            f"The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
-            "contact with the same gap around it, whether the surfaces stick or not. "
+            f". The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
+            "contact with the same gap around it, whether the surfaces stick or not"
         )
-    if impacts.sizes["impact"]:
-        largest, u = largest_radii(impacts, comparison)
-        first = value_with_uncertainty(float(largest[0]), float(u[0]), "m")
-        text += f"The largest radius of the first impact was {first} (standard uncertainty)"
-        if model is not None and comparison is not None and comparison.sizes["impact"]:
-            text += ", from all frames of the contact with the course of the simulated one. "
-            text += (
-                f"{simulated(settings, model)}The simulated radius was {pages.told(model, 'peak_contact_radius', 0)}"
-            )
-        text += "."
-    return pages.methods(text, settings)
+    text += ". "
+    if model is not None:
+        text += simulated(settings, model)
+    return pages.methods(text.strip(), settings)
 
 
 page = Report(

@@ -27,22 +27,22 @@ class ContactArea(Recorded, frozen=True, kw_only=True):
 
     alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["contact_area"]
-    film: File
-    camera: File
-    view: str = "under"
-    height: Annotated[Length, POSITIVE]
-    sphere: Sphere
-    counter_body: Flat = "sapphire"
-    wavelength: Annotated[Length, Range(at_least=1e-7, at_most=2e-5)] | None = None
-    exposure: Annotated[Time, POSITIVE] | None = None
-    measured_on: date | None = None
-    frame_rate: Annotated[Frequency, POSITIVE] | None = None
-    channel: Literal["red", "green", "blue"] | None = None
-    region: tuple[Corner, Corner] | None = None
-    work_of_adhesion: Annotated[Adhesion, Range(at_least=0.0)] | None = None
-    model: DropModel = DropModel()
-    plate: Plate | None = None
-    plate_from: ExperimentName | None = None
+    film: File  #: the film
+    camera: File  #: calibration record of the camera
+    view: str = "under"  #: the record's view
+    height: Annotated[Length, POSITIVE]  #: fall from release to first touch
+    sphere: Sphere  #: the falling body
+    counter_body: Flat = "sapphire"  #: the disc
+    wavelength: Annotated[Length, Range(at_least=1e-7, at_most=2e-5)] | None = None  #: of the light
+    exposure: Annotated[Time, POSITIVE] | None = None  #: replaces that in the film
+    measured_on: date | None = None  #: day of the film
+    frame_rate: Annotated[Frequency, POSITIVE] | None = None  #: of exported images, which hold no time
+    channel: Literal["red", "green", "blue"] | None = None  #: colour that is used
+    region: tuple[Corner, Corner] | None = None  #: two corners of the part that is searched, px
+    work_of_adhesion: Annotated[Adhesion, Range(at_least=0.0)] | None = None  #: of the surfaces
+    model: DropModel = DropModel()  #: the simulation
+    plate: Plate | None = None  #: the plate under the sphere, if it vibrates
+    plate_from: ExperimentName | None = None  #: plate vibration that measured the plate
 
     def __post_init__(self) -> None:
         """Refuse two plates."""

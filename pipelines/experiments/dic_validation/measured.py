@@ -53,6 +53,7 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     found = imaging.track(source, points, **options)
     work = json.loads(found.attrs["work"]) | {"frames_read": found.sizes["frame"]}
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
+    work["pixels_read"] = min(work["pixels_read"], work["pixels_total"])  # still frames are read twice
     kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
     return found.assign_attrs(kept, work=json.dumps(work))
 

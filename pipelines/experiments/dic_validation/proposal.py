@@ -23,22 +23,5 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
 def _text(found: Found, film: str, name: str) -> str:
     why = {} if _NAMED.search(film) else {"why": _GUESSED}
     return f"""{head(found, film, "dic_validation", name, **why)}
-{_laser_beside(found, film)}
+# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion
 # tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
-
-
-def _laser_beside(found: Found, film: str) -> str:
-    """Propose the one drop of the film's material as the laser's record of the same motion."""
-    word = proposals.material_word(film)
-    drops = [
-        stem
-        for stem, files in proposals.grouped(found.of("displacement"), proposals.without_repeat)
-        if word is not None
-        and word == proposals.material_word(files[0])
-        and not proposals.sees_plate(files[0])
-        and not proposals.is_slow(found.path(files[0]))
-    ]
-    if len(drops) == 1:
-        name = proposals.identifier(drops[0])
-        return f'laser_experiment = "{name}"  # proposed: the only drop of this material'
-    return '# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion'

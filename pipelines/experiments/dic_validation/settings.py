@@ -36,7 +36,7 @@ class Tracking(Table, frozen=True, kw_only=True):
     body_subset: Annotated[int, Range(at_least=9, at_most=2001)] | None = None
     line: tuple[Place, Place] | None = None
     points: Annotated[int, Range(at_least=1, at_most=2000)] = 20
-    subset: Annotated[int, Range(at_least=9, at_most=501)] = 31
+    subset: Annotated[int, Range(at_least=9, at_most=501)] = 31  #: width of the small subsets, px
     static_frames: Annotated[int, Range(at_least=1, at_most=100000)] | None = None
     regions: Polygons | None = None
     covers: Polygons | None = None
@@ -59,12 +59,12 @@ class DicValidation(Recorded, frozen=True, kw_only=True):
     """
 
     kind: Literal["dic_validation"]
-    film: File
-    camera: File
+    film: File  #: the film
+    camera: File  #: calibration record of the camera
     view: str = "front"
-    laser_experiment: ExperimentName | None = None
-    measured_on: date | None = None
-    frame_rate: Annotated[Frequency, POSITIVE] | None = None
-    channel: Literal["red", "green", "blue"] | None = None
+    laser_experiment: ExperimentName | None = None  #: ball drop whose laser saw the same motion
+    measured_on: date | None = None  #: day of the film
+    frame_rate: Annotated[Frequency, POSITIVE] | None = None  #: of exported images, which hold no time
+    channel: Literal["red", "green", "blue"] | None = None  #: colour that is used
     camera_tilt: Annotated[Angle, Range(at_least=-1.0, at_most=1.0)] = Quantity(0.0, math.radians(5.0) / 3**0.5, "rad")
-    tracking: Tracking = Tracking()
+    tracking: Tracking = Tracking()  #: which points are followed

@@ -5,17 +5,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from math import log, log10, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
-from labpipe.materials import loading_of, modulus_factor
+from labpipe.materials import isothermal_runs, loading_of, modulus_factor, trusted_rows
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma.export import Export, common_levels
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
@@ -58,6 +57,41 @@ TITLES = {
 }
 
 
+class Export(NamedTuple):
+    """One export: its trusted rows, and the isothermal sweeps that have enough of them.
+
+    Sweeps are in ascending order of frequency, with the attributes ``file``, ``temperature`` (the mean, degC) and
+    ``place``: file, temperature, and interval there.
+    """
+
+    name: str
+    data: xr.Dataset
+    sweeps: list[xr.Dataset]
+    settings: Dma
+
+    @classmethod
+    def of(cls, name: str, data: xr.Dataset, settings: Dma) -> "Export":
+        """Take the readings of a file."""
+        good, options, sweeps = np.concatenate([[], *trusted_rows(data)]).astype(int), settings.sweeps, []
+        for run in isothermal_runs(data, options.tolerance, options.fewest):
+            one = data.isel(sample=np.intersect1d(run, good))
+            if one.sizes["sample"] >= options.fewest:
+                T = float(one["temperature"].mean())
+                place = f"{name}, sweep at {T:.1f} °C"
+                place += f", interval {int(one['interval'][0])}" if "interval" in one else ""
+                one = one.isel(sample=np.argsort(one["frequency"].values, kind="stable"))
+                sweeps.append(one.assign_attrs(file=name, temperature=T, place=place))
+        return cls(name, data.isel(sample=np.sort(good)), sweeps, settings)
+
+    def values(self, name: str) -> Floats:
+        """Return one column."""
+        return np.asarray(self.data[name].values, float)
+
+    def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
+        """Return a check of this file."""
+        return stated(name, text, level, cause=cause, file=self.name)
+
+
 @judgements.judging("readings", "sweeps", "master_curve", titles=TITLES)
 def judgement(
     settings: Dma, context: Context, readings: Sequence[xr.Dataset | None] = (), master_curve: xr.Dataset | None = None
@@ -68,8 +102,8 @@ def judgement(
     exports = [Export.of(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
     exports = [export for export in exports if export.data.sizes["sample"]]
     checks = [*judgements.failed_steps(context, _FAILED), _poissons_ratio(settings)]
-    checks += [check for export in exports for of in (_headings, _moduli) for check in of(export)]
-    checks += [evaluate(export) for export in exports for evaluate in _OF_EXPORT]
+    checks += [check for export in exports for of in (_headings, _moduli, _temperatures) for check in of(export)]
+    checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality)]
     every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
     checks += [_softening(every), *_one_specimen(every)]
     return Scene([*checks, _superposition(master_curve)])
@@ -149,8 +183,8 @@ def _moduli(export: Export) -> Iterator[Check]:
         apart = np.abs(np.log(given / ratio))
         at = int(np.argmax(apart))
         if level is None and apart[at] > _MISTYPED:
-            place = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
-            text = f"{file}, {' and '.join(place)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
+            row = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
+            text = f"{file}, {' and '.join(row)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
             level, cause = "doubtful", "storage modulus, loss modulus or loss factor of this row is mistyped"
         yield export.seen(name, text, level, cause)
     else:
@@ -259,52 +293,54 @@ def _causality(export: Export) -> Check:
     return export.seen(name, message, level, "one of the moduli has another unit than the other, or the phase is wrong")
 
 
-def _temperatures(export: Export) -> Check:
-    """Check the unit of temperature by its range, by T_ref, and by set temperatures that are multiples of 5 K."""
+def _temperatures(export: Export) -> Iterator[Check]:
+    """Check the unit of temperature, by its range, T_ref and multiples of 5 K, and that it is measured."""
     name, file, T, reference = "temperatures", export.name, export.values("temperature"), export.settings.T_ref
-    low, high, sweeps = (
-        float(T.min()),
-        float(T.max()),
-        np.array([sweep.attrs["temperature"] for sweep in export.sweeps]),
-    )
+    low, high, sweeps = float(T.min()), float(T.max()), np.array([one.attrs["temperature"] for one in export.sweeps])
     message, cause = f"{file}: temperatures from {low:.1f} to {high:.1f} °C", "temperatures have another unit (K, °F)"
     message += "" if reference is None else f", T_ref is {reference.value:.4g} °C"
     is_far = reference is not None and not low - 30 <= reference.value <= high + 30
+    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
+    level: Level | None = "doubtful" if is_far or low < -200.0 or high > 400.0 else None
+    setting = ""
     if low > 180.0 and (reference is None or is_far):
         cause = f"temperatures are in K under °C: {low - 273.15:.1f} to {high - 273.15:.1f} °C are meant"
-        return export.seen(name, message, "impossible" if is_far else "doubtful", cause)
-    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
-    if sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
+        level = "impossible" if is_far else "doubtful"
+    elif sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
         cause = f"temperatures are in °F under °C: {(low - 32) / 1.8:.1f} to {(high - 32) / 1.8:.1f} °C are meant"
-        return export.seen(name, f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful", cause)
-    if is_far:
-        return stated(name, message, "doubtful", cause=f"T_ref is wrong, or {cause}", setting="T_ref")
-    return export.seen(name, message, "doubtful" if low < -200.0 or high > 400.0 else None, cause)
+        message, level = f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful"
+    elif is_far:
+        cause, setting, file = f"T_ref is wrong, or {cause}", "T_ref", ""
+    yield stated(name, message, level, cause=cause, file=file, setting=setting)
 
-
-def _measured_temperature(export: Export) -> Check:
-    """Compare a constant temperature with moduli that change at one frequency."""
-    name, T = "temperature is measured", export.values("temperature")
+    name = "temperature is measured"
     frequency = np.round(np.log10(np.maximum(export.values("frequency"), 1e-9)), 2)
     found, counts = np.unique(frequency, return_counts=True)
     same = export.values("storage_modulus")[frequency == found[np.argmax(counts)]]
-    if np.ptp(T) > 1.0 or same.size < 3 or not (same > 0).all():
-        return stated(name, f"{export.name}: temperatures span {np.ptp(T):.1f} K", None)
+    if high - low > 1.0 or same.size < 3 or not (same > 0).all():
+        yield stated(name, f"{export.name}: temperatures span {high - low:.1f} K", None)
+        return
     times = float(same.max() / same.min())
     text = f"{export.name}: all temperatures are {T.mean():.1f} °C, while the storage modulus differs by a factor "
     text += f"{in_words(times)} between {same.size} readings at one frequency"
     cause = "the column of temperature is constant: it holds the setting, or the sensor was not read"
-    level: Level | None = "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None
-    return export.seen(name, text, level, cause)
+    yield export.seen(name, text, "impossible" if times > 1.5 else "doubtful" if times > 1.2 else None, cause)
 
 
-_OF_EXPORT = (_frequencies, _single_values, _causality, _temperatures, _measured_temperature)
+def _common_levels(sweeps: Sequence[xr.Dataset]) -> Floats | None:
+    """Return log10 of the storage moduli (sweep, frequency) at seven frequencies that all reach; None without any."""
+    frequencies, moduli = ([s[name].values for s in sweeps] for name in ("frequency", "storage_modulus"))
+    low, high = max((float(f[0]) for f in frequencies), default=0.0), min((f[-1] for f in frequencies), default=0.0)
+    if not 0 < low < high or any((modulus <= 0).any() for modulus in moduli):
+        return None
+    x = np.linspace(log(low), log(high), 7)
+    return np.array([np.interp(x, np.log(f), np.log10(m)) for f, m in zip(frequencies, moduli, strict=True)])
 
 
 def _softening(sweeps: Sequence[xr.Dataset]) -> Check:
     """Look for the isotherm that breaks the fall of the modulus with temperature."""
     name = "order with temperature"
-    moduli = common_levels(sweeps) if len(sweeps) > 2 else None
+    moduli = _common_levels(sweeps) if len(sweeps) > 2 else None
     if moduli is None:
         return not_made(name, "three isotherms over common frequencies")
     T, levels = np.array([s.attrs["temperature"] for s in sweeps]), np.median(moduli, axis=1)
@@ -350,7 +386,7 @@ def _one_specimen(sweeps: Sequence[xr.Dataset]) -> Iterator[Check]:
     for a, b in combinations(sorted(sweeps, key=lambda one: str(one.attrs["file"])), 2):
         files = (str(a.attrs["file"]), str(b.attrs["file"]))
         if files[0] != files[1] and abs(a.attrs["temperature"] - b.attrs["temperature"]) <= _SAME:
-            pair = common_levels((a, b))
+            pair = _common_levels((a, b))
             if pair is not None:
                 between.setdefault(files, []).append(float(np.median(pair[0] - pair[1])))
     for (first, second), gaps in between.items():

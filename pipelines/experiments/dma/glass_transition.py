@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,42 +21,35 @@ _HALF_DECADES = 0.5  # to either side of a maximum of the master curve, where a 
 _SIGNIFICANT = 3.0  # standard uncertainties by which a peak must stand out of its ends
 
 
-@dataclass(frozen=True, slots=True)
-class Ramp:
-    """One temperature sweep in tension: frequency [Hz], temperatures [degC], moduli [Pa]."""
+def transitions(ramps: Sequence[tuple[float, Floats]]) -> xr.Dataset:
+    """Return the readings of all temperature sweeps in one row, and the transition of every one.
 
-    frequency: float
-    temperature: Floats
-    storage: Floats
-    loss: Floats
-
-
-def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
-    """Return the readings of all ramps in one row, and the transition of every ramp.
-
-    Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
+    ``ramps`` are frequency [Hz] and (column, point) of each: temperature [degC], storage and loss modulus in tension
+    [Pa]. Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
     ``frequency``, ``T_peak`` (maximum of tan δ) and ``T_drop`` (steepest fall of ln E′), each with its uncertainty, NaN
     where there is none. The attribute ``reasons`` (JSON) says why there is no maximum, ramp by ramp.
     """
-    orders = [np.argsort(ramp.temperature, kind="stable") for ramp in ramps]
-    columns = [np.stack([r.temperature, r.storage, r.loss])[:, order] for r, order in zip(ramps, orders, strict=True)]
+    columns = [one[:, np.argsort(one[0], kind="stable")] for _, one in ramps]
     T, storage, loss = np.concatenate(columns, axis=1)
     numbers = np.repeat(np.arange(len(ramps)), [one.shape[1] for one in columns])
-    drop = [float(storage[0] / storage[-1]) for _, storage, _ in columns]
     variables = {
         "ramp_of": variable("point", numbers, "1", "number of the ramp"),
         "temperature": variable("point", T, "degC", "measured temperature"),
         "storage": variable("point", storage, "Pa", "storage modulus, tension"),
         "loss": variable("point", loss, "Pa", "loss modulus, tension"),
         "loss_factor": variable("point", loss / storage, "1", "loss factor"),
-        "drop": variable("ramp", drop, "1", "storage modulus, cold end over warm end"),
-        "frequency": variable("ramp", [ramp.frequency for ramp in ramps], "Hz", "frequency of the sweep"),
+        "frequency": variable("ramp", [frequency for frequency, _ in ramps], "Hz", "frequency of the sweep"),
     }
-    found = np.array([_transition(*one) for one in columns])
+    found = np.full((len(ramps), 2, 2), np.nan)  # by tan δ and by ln E′, each with its u
+    for i, (T_of, E, E_loss) in enumerate(columns):
+        if E[0] / E[-1] >= _LEAST_DROP and not np.any(E <= 0):
+            where, u = peak(T_of, -_smooth_slope(T_of, np.log(E)))
+            # neighbouring slopes share readings, so their noise is common
+            shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T_of))), 1e-3), 1.0)
+            found[i] = peak(T_of, E_loss / E), (where, u * float(np.sqrt(shared)))
     texts = ("maximum of the loss factor", "steepest fall of the storage modulus")
-    for (T_of, u), name, text in zip(np.moveaxis(found, 0, 2), ("T_peak", "T_drop"), texts, strict=True):
-        variables[name] = variable("ramp", T_of, "degC", f"glass transition: {text}")
-        variables[f"u_{name}"] = variable("ramp", u, "K", f"standard uncertainty of the glass transition: {text}")
+    for (at, u), name, text in zip(np.moveaxis(found, 0, 2), ("T_peak", "T_drop"), texts, strict=True):
+        variables |= with_u(name, "ramp", at, u, "degC", f"glass transition: {text}")
     work = {"temperature_sweeps": len(ramps), "points": int(T.size)}
     reasons = [_why_none(T, E, loss / E) for T, E, loss in columns]
     said = {"work": json.dumps(work), "reasons": json.dumps(reasons, ensure_ascii=False)}
@@ -115,16 +107,6 @@ def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, str]:
     made: dict[str, Any] = {dims: variable(dims, 10.0**decades, "Hz", "frequency of a measurement")}
     made |= with_u("T_peak", dims, values, u, "degC", "glass transition: maximum of the loss factor over frequency")
     return xr.Dataset(made).dropna(dims, how="all"), ""
-
-
-def _transition(T: Floats, storage: Floats, loss: Floats) -> list[tuple[float, float]]:
-    """Return maximum of tan δ and steepest fall of ln E′, each with its u."""
-    if storage[0] / storage[-1] < _LEAST_DROP or np.any(storage <= 0):
-        return [(np.nan, np.nan)] * 2
-    where, u = peak(T, -_smooth_slope(T, np.log(storage)))
-    # neighbouring slopes share readings, so their noise is common
-    shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3), 1.0)
-    return [peak(T, loss / storage), (where, u * float(np.sqrt(shared)))]
 
 
 def _smooth_slope(T: Floats, y: Floats) -> Floats:

@@ -101,7 +101,7 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
         constant = np.ptp(frequency) < _ONE_FREQUENCY * np.median(frequency)
         if constant and np.ptp(T) >= _LEAST_RAMP and T.size >= glass_transition.FEWEST:
             moduli = (factor * run[name].values for name in ("storage_modulus", "loss_modulus"))
-            ramps.append(glass_transition.Ramp(float(np.median(frequency)), T, *moduli))
+            ramps.append((float(np.median(frequency)), np.array([T, *moduli])))
     if not ramps:
         return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
     return glass_transition.transitions(ramps)

@@ -54,7 +54,7 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "kramers_kronig": asdict(made.kramers_kronig),
         "superposition": asdict(made.verdict),
         "laws": {name: _law(law) for name, law in made.laws.items()},
-        "law": _law(made.law),
+        "law": _law(made.nearest_law),
         "noise": made.noise,
     }
     names = sweeps.attrs.keys() & {"u_modulus_factor", "modulus_factor", "u_scale", "strain"}

@@ -228,12 +228,6 @@ def _master(master_curve: xr.Dataset) -> Section:
     return Section("Master curve", blocks)
 
 
-def _missed(curve: xr.Dataset) -> list[float]:
-    """Return the residuals of storage and loss modulus in % (rms)."""
-    residuals = (curve[f"{name}_residual"].values for name in ("storage", "loss"))
-    return [100 * float(np.sqrt(np.nanmean(one**2))) for one in residuals]
-
-
 def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset | None] = ()) -> Section:
     """Show how the readings were converted."""
     blocks: list[Block] = []
@@ -292,6 +286,8 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
     text += f"{_celsius(T)}. "
     if settings.mode in ("shear", "torsion"):
         text += f"Tension moduli follow from E = 2 (1 + ν) G with ν = {settings.nu.value:g}. "
+    residuals = (master_curve[f"{name}_residual"].values for name in ("storage", "loss"))
+    missed = [100 * float(np.sqrt(np.nanmean(one**2))) for one in residuals]
     shifts = "every isotherm had a shift of its own"
     if asked != "free":
         shifts = f"the shifts followed the {_LAWS[asked]} law"
@@ -302,7 +298,7 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         f"{shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
         f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. "
         f"{capitalised(_law_row(json.loads(master_curve.attrs['law']))[1])}. "
-        "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*_missed(master_curve))
+        "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*missed)
     )
     return pages.methods(text, settings)
 

@@ -20,10 +20,10 @@ class Export(Table, frozen=True, kw_only=True):
     order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
     """
 
-    encoding: str | None = None
-    decimal: Literal[".", ","] | None = None
-    columns: Columns | None = None
-    allow_incomplete: bool = False
+    encoding: str | None = None  #: codec of the text, such as cp932
+    decimal: Literal[".", ","] | None = None  #: decimal sign of the file
+    columns: Columns | None = None  #: columns of another table
+    allow_incomplete: bool = False  #: read an export that ends early
 
 
 class Sweeps(Table, frozen=True, kw_only=True):
@@ -52,10 +52,10 @@ class Fit(Table, frozen=True, kw_only=True):
 class Dimensions(Table, frozen=True, kw_only=True):
     """Dimensions of a specimen: length between the clamps, and width and thickness or diameter."""
 
-    length: Annotated[Length, POSITIVE] | None = None
-    width: Annotated[Length, POSITIVE] | None = None
-    thickness: Annotated[Length, POSITIVE] | None = None
-    diameter: Annotated[Length, POSITIVE] | None = None
+    length: Annotated[Length, POSITIVE] | None = None  #: between the clamps
+    width: Annotated[Length, POSITIVE] | None = None  #: of a bar
+    thickness: Annotated[Length, POSITIVE] | None = None  #: of a bar
+    diameter: Annotated[Length, POSITIVE] | None = None  #: of a rod
 
     def given(self) -> dict[str, Quantity]:
         """Return those that are stated, by their names."""
@@ -98,17 +98,17 @@ class Dma(Recorded, frozen=True, kw_only=True):
     """
 
     kind: Literal["dma"]
-    rheometer: Annotated[list[File], msgspec.Meta(min_length=1)]
-    mode: Mode
-    nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]
-    T_ref: Temperature | None = None
-    scale: Annotated[Dimensionless, POSITIVE] = Quantity(1.0, 0.0, "1")
-    specimen: Specimen | None = None
-    temperature: Temperature | None = None
-    temperatures: list[Temperature] | None = None
-    export: Export = Export()
-    sweeps: Sweeps = Sweeps()
-    fit: Fit = Fit()
+    rheometer: Annotated[list[File], msgspec.Meta(min_length=1)]  #: exports of one specimen
+    mode: Mode  #: loading of the specimen
+    nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]  #: Poisson's ratio
+    T_ref: Temperature | None = None  #: temperature of the master curve
+    scale: Annotated[Dimensionless, POSITIVE] = Quantity(1.0, 0.0, "1")  #: factor of all moduli
+    specimen: Specimen | None = None  #: dimensions as measured
+    temperature: Temperature | None = None  #: of files without such a column
+    temperatures: list[Temperature] | None = None  #: of files at one temperature each
+    export: Export = Export()  #: what the export lacks
+    sweeps: Sweeps = Sweeps()  #: which readings make a sweep
+    fit: Fit = Fit()  #: how sweeps are shifted
 
     def __post_init__(self) -> None:
         """Refuse a specimen whose form factor is not known."""

@@ -1,7 +1,5 @@
 """Checks of a harmonic indentation: commands, columns, cell and punch."""
 
-from math import nan
-
 from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.comparison import DELAY, rows
 from pipelines.experiments.harmonic.settings import Harmonic
@@ -18,12 +16,6 @@ _STEPS = ("readings", "loads", "oscillations", "model", "comparison")
 def judgement(given: Given, settings: Harmonic, context: Context) -> Scene:
     """Judge one harmonic indentation; a step without a result is judged by its error."""
     readings, loads, waves, model, compared = map(given.get, _STEPS)
-    depth = force = expected = nan
-    if waves is not None:
-        depth = float((waves["mean_position"] + waves["amplitude"] - waves["contact_position"]).max())
-        if loads is not None and loads.attrs["is_tared"] and compared is not None and "bias" in compared:
-            force = float(waves["mean_force"][0])
-            expected = force - float(compared["bias"][0])
     inputs = inputs_of(model) | ({} if loads is None else {DELAY: filter_delay(loads)})
-    test = mach1_checks.Tested(settings.mach1, readings, loads, depth, force, expected)
-    return mach1_checks.scene([test], inputs, rows, given, settings, context)
+    steps = ([readings], [loads], [waves], [compared])
+    return mach1_checks.scene([settings.mach1], steps, inputs, rows, given, settings, context)

@@ -12,9 +12,11 @@ from labpipe.materials import Prony
 from pipelines.experiments.harmonic.model import fitted_waves
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
-from pipelines.experiments.shared.punch_model import elastic_force
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_punch
+from pipelines.experiments.shared.punch_model import SHIFT, elastic_force
+
+_FILTER = nuisance("filter", 0.0, 1.0, "1", "delay of the cell's filter, in units of its uncertainty")
+"""One cell tests all specimens of a session: their oscillations share its filter."""
 
 _LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
 
@@ -24,8 +26,6 @@ def evidence(
 ) -> MaterialEvidence | str:
     """Gather storage and loss stiffness at every frequency."""
     touch = mach1_readings.touch_of(waves)
-    if not np.isfinite(touch.value):
-        return "first touch was not found"
     mean = waves["mean_position"].values - touch.value
     shared = of_punch(settings, loads, float(mean.max()), file, fitted)
     if isinstance(shared, str):
@@ -42,7 +42,7 @@ def evidence(
         return np.asarray((ends[0] - ends[1]) / (2.0 * SHIFT))
 
     storage, loss, by_phase = _stiffness(loads, waves)
-    late = [FILTER] if by_phase.any() else []
+    late = [_FILTER] if by_phase.any() else []
     here = slope(0.0)
     by_zero = (slope(SHIFT) - slope(-SHIFT)) / (2.0 * SHIFT)
 

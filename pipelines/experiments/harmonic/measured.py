@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import signals
 from labpipe.arrays import Complexes, Flags, Floats
@@ -17,7 +16,6 @@ from pipelines.experiments.shared import mach1_readings
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
 _WAVES = 3  # of a Fourier series: the fundamental and two harmonics
-_PARTS_OF_A_CYCLE = 12  # in which a mean cycle is laid against the model
 _CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
 COLUMNS = {
     "storage_stiffness": ("N/m", "storage stiffness"),
@@ -54,19 +52,6 @@ def evaluated(loads: xr.Dataset, oscillation: xr.Dataset) -> tuple[slice, Flags]
     return rows, (time >= float(oscillation["begin"])) & (time <= float(oscillation["end"]))
 
 
-def phases(loads: xr.Dataset, oscillations: xr.Dataset) -> list[list[NDArray[np.int64]]]:
-    """Return the samples in each of twelve parts of a cycle, of all evaluated cycles of each."""
-    found = []
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where, used = evaluated(loads, at)
-        samples = np.arange(loads.sizes["sample"])[where][used]
-        cycles = (loads["time"].values[samples] - float(at["begin"])) * float(at["frequency"])
-        part = np.floor(_PARTS_OF_A_CYCLE * (cycles % 1.0)).astype(np.int64)
-        found.append([samples[part == number] for number in range(_PARTS_OF_A_CYCLE)])
-    return found
-
-
 def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     """Fit every Sinusoid block: frequency, stiffness, work; one row per block.
 
@@ -94,8 +79,9 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     """Return stiffness and work of one block without its transient and last cycle; the cell's filter is taken out."""
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
-    stated = float(loads["declared_frequency"][block])
-    window = signals.active_window(time, position, stated)
+    # of another tester's table nothing is declared
+    stated = float(loads["declared_frequency"][block]) if "declared_frequency" in loads else np.nan
+    window = signals.active_window(time, position, stated if np.isfinite(stated) else None)
     period = 1 / window.frequency
     last = round((window.end - window.start) / period) - 1
     if last - skip < _FEWEST_CYCLES:
@@ -191,7 +177,7 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
     """
     del settings
     phase = np.linspace(0, 1, _LOOP_POINTS + 1)
-    positions, forces, kept = [], [], []
+    positions, forces, u = [], [], []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         part = loads.isel(sample=mach1_readings.rows(loads, int(at["block"])))
@@ -203,17 +189,15 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         forces.append(f.mean(axis=0))
         spread = float(np.median(f.std(axis=0, ddof=1))) if len(f) > 1 else 0.0
         noise = max(spread, float(loads.attrs["resolution"]) / np.sqrt(12))
-        u = float(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
-        is_tared = bool(loads.attrs["is_tared"])
-        least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
-        kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
-    dims = ("oscillation", "cycle")
-    least_forces, u_least, losses = np.array(kept).T
+        u.append(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
+    dims, limits = ("oscillation", "cycle"), _CLEAR * np.array(u)[:, None]
+    known = 1.0 if loads.attrs["is_tared"] else np.nan
+    least, losses = known * np.min(forces, axis=1), known * np.mean(np.array(forces)[:, :-1] < limits, axis=1)
     return xr.Dataset(
         {
             "position": variable(dims, positions, "m", "stage position"),
             "force": variable(dims, forces, "N", "force, compression positive"),
-            **with_u("least_force", "oscillation", least_forces, u_least, "N", "least force of the mean loop"),
+            **with_u("least_force", "oscillation", least, known * np.array(u), "N", "least force of the mean loop"),
             "contact_loss": variable("oscillation", losses, "1", "share of a cycle without contact"),
         },
         coords={

@@ -19,9 +19,7 @@ from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.punch_model import absent, modelled
-
-_LEAST_SHIFT = 1e-7  # m of first touch by which a sensitivity is found
+from pipelines.experiments.shared.punch_model import SHIFT, absent, modelled
 
 
 def model(
@@ -120,7 +118,7 @@ def theory(
             f"the mean of an oscillation lies {-mean.min() * 1e6:.3g} µm above first touch; the "
             "position of first touch cannot be right"
         )
-    step = max(u_touch, _LEAST_SHIFT)
+    step = max(u_touch, SHIFT)
     shape, unit = (radius, period), Prony(1.0, [], [], nu=float(solid.nu))
 
     def at(indentation: Floats) -> Floats:

@@ -22,6 +22,6 @@ class Harmonic(Indentation, frozen=True, kw_only=True):
 
     function: ClassVar[str] = "Sinusoid"  # of the tester, that is evaluated
     kind: Literal["harmonic"]
-    mach1: File
-    cycles: Cycles = Cycles()
-    characteristic_time: Annotated[Time, POSITIVE] | None = None
+    mach1: File  #: file of the tester, with Sinusoid blocks
+    cycles: Cycles = Cycles()  #: which cycles count
+    characteristic_time: Annotated[Time, POSITIVE] | None = None  #: makes frequencies dimensionless

@@ -90,19 +90,15 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
 
 def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None) -> Section:
     kinds = sorted({drops.material for drops in settings.drops})
-    frequency = pages.told(table, "plate_natural_frequency")
-    damping = pages.told(table, "plate_damping_ratio")
     text = (
         f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) were dropped in "
         f"{pages.counted(int(table['n'].sum()), 'recording')}. The free vibration between the first and the second "
-        "contact was fitted by one damped oscillation, over the interval in which the fit predicts the next readings. "
-        f"The natural frequency was {frequency}, the damping ratio {damping} (standard uncertainties). "
+        "contact was fitted by one damped oscillation, over the interval in which the fit predicts the next readings."
     )
     if plate is not None and np.isfinite(float(plate["mass"])):
-        mass = pages.told(plate, "mass")
         text += (
-            f"The modal mass, {mass}, follows from the amplitudes and the momentum of the "
-            "simulated impacts at that frequency."
+            " The modal mass follows from the amplitudes and the momentum of the simulated impacts at its natural "
+            "frequency."
         )
     return pages.methods(text, settings)
 

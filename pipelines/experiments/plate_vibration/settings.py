@@ -12,8 +12,8 @@ from pipelines.experiments.shared.settings import DropModel, Flat, Keyence, Mate
 class FallingBody(Table, frozen=True, kw_only=True):
     """The body that falls in every drop; ``mass`` is all that moves, sphere and holder."""
 
-    radius: Annotated[Length, POSITIVE]
-    mass: Annotated[Mass, POSITIVE]
+    radius: Annotated[Length, POSITIVE]  #: radius of the sphere
+    mass: Annotated[Mass, POSITIVE]  #: mass of all that moves, sphere and holder
 
 
 class Drops(Table, frozen=True, kw_only=True):
@@ -25,11 +25,11 @@ class Drops(Table, frozen=True, kw_only=True):
     simulated impact.
     """
 
-    material: Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
-    material_from: ExperimentName | None = None
-    temperature: Temperature | None = None
-    height: Annotated[Length, POSITIVE]
-    laser: Annotated[list[File], msgspec.Meta(min_length=1)]
+    material: Annotated[str, msgspec.Meta(min_length=1, max_length=60)]  #: in the library, or with material_from any
+    material_from: ExperimentName | None = None  #: DMA experiment of this session
+    temperature: Temperature | None = None  #: temperature of the sphere
+    height: Annotated[Length, POSITIVE]  #: fall from release to first touch
+    laser: Annotated[list[File], msgspec.Meta(min_length=1)]  #: recordings, one for each repeat
 
     @property
     def choice(self) -> MaterialChoice:
@@ -48,14 +48,14 @@ class PlateVibration(Recorded, frozen=True, kw_only=True):
     """
 
     kind: Literal["plate_vibration"]
-    drops: Annotated[list[Drops], msgspec.Meta(min_length=1)]
-    calibration: File
-    sphere: FallingBody | None = None
-    counter_body: Flat = "sapphire"
-    measured_on: date | None = None
-    keyence: Keyence = Keyence()
-    sensor: Sensor = Sensor()
-    model: DropModel = DropModel()
+    drops: Annotated[list[Drops], msgspec.Meta(min_length=1)]  #: materials and heights
+    calibration: File  #: calibration record of the laser
+    sphere: FallingBody | None = None  #: the falling body, for the plate's modal mass
+    counter_body: Flat = "sapphire"  #: the flat on the plate
+    measured_on: date | None = None  #: day of the measurement
+    keyence: Keyence = Keyence()  #: what the laser's files lack
+    sensor: Sensor = Sensor()  #: output and direction of the laser
+    model: DropModel = DropModel()  #: the simulation
 
     def __post_init__(self) -> None:
         """Refuse a recording that is listed twice."""

@@ -1,7 +1,5 @@
 """Checks of relaxation tests: commands, columns, cell, punch, and the forces at several depths."""
 
-from math import nan
-
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.comparison import rows
@@ -19,13 +17,7 @@ _STEPS = ("readings", "loads", "ramps", "comparison")
 )
 def judgement(given: Given, settings: Relaxation, context: Context) -> Scene:
     """Judge all relaxation tests of an experiment; a step without a result is judged by its error."""
-    steps = [given.get(step) or [None] * len(settings.mach1) for step in _STEPS]
-    tested, inputs = [], dict[str, Quantity]()
-    for name, read, load, ramps, compared in zip(settings.mach1, *steps, strict=True):
-        depth = nan if ramps is None else float(ramps["depth"].max())
-        force = expected = nan
-        if load is not None and load.attrs["is_tared"] and compared is not None and "plateau_force_model" in compared:
-            force, expected = float(ramps["plateau_force"][-1]), float(compared["plateau_force_model"][-1])
-        tested.append(mach1_checks.Tested(name, read, load, depth, force, expected))
+    steps, inputs = [given.get(step) or [None] * len(settings.mach1) for step in _STEPS], dict[str, Quantity]()
+    for compared in steps[-1]:
         inputs |= inputs_of(compared)
-    return mach1_checks.scene(tested, inputs, rows, given, settings, context)
+    return mach1_checks.scene(settings.mach1, steps, inputs, rows, given, settings, context)

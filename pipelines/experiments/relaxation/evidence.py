@@ -11,9 +11,8 @@ from labpipe.arrays import Floats
 from labpipe.identification import Evidence, LinearModel, Parameter, force_evidence, lee_radok_basis
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-from pipelines.experiments.shared.punch_evidence import SHIFT, of_punch
-from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_punch
+from pipelines.experiments.shared.punch_model import SHIFT, Geometry, elastic_force
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
@@ -31,15 +30,12 @@ def evidence(
 ) -> MaterialEvidence | str:
     """Gather the forces of all holds, as recorded behind the cell's filter."""
     parts = []
-    for number, recording in enumerate(settings.mach1):
-        found = ramps[number]
-        if not np.isfinite(float(found["contact_position"])):
-            return f"first touch was not found in {recording}"
-        shared = of_punch(settings, loads[number], float(found["depth"].max()), file, fitted)
+    for number, (load, found, curve) in enumerate(zip(loads, ramps, curves, strict=True), 1):
+        shared = of_punch(settings, load, float(found["depth"].max()), file, fitted)
         if isinstance(shared, str):
             return shared
-        label = name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
-        parts.append((shared[0].nu, *_of_file(label, loads[number], found, curves[number], *shared)))
+        label = name + (f" {number}" if len(loads) > 1 else "")
+        parts.append((shared[0].nu, *_of_file(label, load, found, curve, *shared)))
     unknowns = [unknown for _, _, own, _ in parts for unknown in own]
     lags = np.concatenate([lag for _, lag, _, _ in parts])
 

@@ -277,15 +277,11 @@ def tests(
     made = xr.concat(tables, "ramp", data_vars="minimal", coords="minimal", compat="override", join="outer")
     made = made.rename(ramp="test").assign_coords(test=np.arange(1, len(names) + 1))
     made.attrs = {"names": json.dumps(names)}
-    if "reduced_modulus" in made:
-        made = made.merge(_averaged(made, next(float(c["nu"]) for c in curves if "nu" in c)))
-    return made
-
-
-def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
-    """Average the modulus over the tests, weighted by the part of u that they do not share, with the Birge ratio."""
-    names = ("reduced_modulus", "reduced_modulus_own_part", "u_reduced_modulus")
-    value, own, whole = (table[name].values[np.isfinite(table["reduced_modulus"])] for name in names)
+    if "reduced_modulus" not in made:
+        return made
+    names = ["reduced_modulus", "reduced_modulus_own_part", "u_reduced_modulus"]
+    value, own, whole = (made[name].values[np.isfinite(made["reduced_modulus"])] for name in names)
+    # weighted by the part of u that the tests do not share, with the Birge ratio
     mean, weights = np.average(value, weights=1 / own**2, returned=True)
     birge = max(1.0, float(np.sqrt(np.sum(((value - mean) / own) ** 2) / max(value.size - 1, 1))))
     if birge > _BIRGE_LIMIT:
@@ -295,8 +291,8 @@ def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
             stacklevel=2,
         )
     u = float(np.hypot(birge / np.sqrt(weights), np.mean(np.sqrt(np.maximum(whole**2 - own**2, 0.0)))))
-    tension = 1 - nu**2
-    return xr.Dataset(
+    tension = 1 - next(float(curve["nu"]) for curve in curves if "nu" in curve) ** 2
+    return made.assign(
         with_u("mean_reduced_modulus", (), mean, u, "Pa", "relaxed reduced modulus over all tests")
         | with_u("mean_relaxed_modulus", (), mean * tension, u * tension, "Pa", "relaxed modulus in tension")
     )

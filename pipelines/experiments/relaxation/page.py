@@ -66,65 +66,50 @@ def _tests(tests: xr.Dataset, curves: Sequence[xr.Dataset] = ()) -> Section:
     return Section("Tests", (listed(columns, caption), *(Notice("info", text) for text in missing)))
 
 
-def _ramps(
+def _forces(
     loads: Sequence[xr.Dataset],
     ramps: Sequence[xr.Dataset],
     comparison: Sequence[xr.Dataset],
+    curves: Sequence[xr.Dataset] | None = None,
     tests: xr.Dataset | None = None,
-) -> Section:
-    charts: list[Block] = []
-    for load, ramp, compared in zip(loads, ramps, comparison, strict=True):
-        has_model = is_there(compared)
+) -> list[Section]:
+    """Draw the force around each ramp sample by sample, and the means of all holds over the logarithm of time."""
+    charts, drawn, gaps = list[Block](), list[Series](), list[Series | Band]()
+    for number, (load, ramp, compared) in enumerate(zip(loads, ramps, comparison, strict=True)):
+        has_model, names = is_there(compared), ("simulated_force", "u_simulated_force")
         is_filtered = has_model and mach1_readings.declared_filter(load)
         caption = "The load cell's filter was applied to the model too." if is_filtered else ""
-        for rows, begin, end in zip(samples(ramp), ramp["begin"].values, ramp["end"].values, strict=True):
-            time = load["time"].values[rows]
-            near = (time >= begin - _RAMP_VIEW) & (time <= end + _RAMP_VIEW)
-            since, force = time[near] - begin, load["force"].values[rows][near]
-            series: list[Series | Band] = [Series("measured", since, force, role="measured")]
-            if has_model:
-                names = ("simulated_force", "u_simulated_force")
-                series += pages.model_curves(since, *(compared[name].values[rows][near] for name in names))
-            title = f"Force around the ramp, {_label(tests, len(charts))}"
-            labels = (title, "time since the ramp began / s", "force / N", tuple(series))
-            charts.append(LineChart(*labels, group="ramps", height_px=240, caption=caption))
-    return Section("Ramp and peak", tuple(charts))
-
-
-def _holds(
-    loads: Sequence[xr.Dataset],
-    ramps: Sequence[xr.Dataset],
-    curves: Sequence[xr.Dataset],
-    comparison: Sequence[xr.Dataset],
-    tests: xr.Dataset | None = None,
-) -> Section:
-    drawn: list[Series] = []
-    gaps: list[Series | Band] = []
-    number = 0
-    for load, ramp, curve, compared in zip(loads, ramps, curves, comparison, strict=True):
         for i, rows in enumerate(samples(ramp)):
-            label, number = _label(tests, number), number + 1
-            means = np.array([curve[name].values[i] for name in ("mean_time", "force", "u_force")])
+            label, begin = _label(tests, len(charts)), float(ramp["begin"][i] - ramp["end"][i])
+            since, force = load["time"].values[rows] - float(ramp["end"][i]), load["force"].values[rows]
+            model = [compared[name].values[rows] for name in names] if has_model else []
+            near = (since >= begin - _RAMP_VIEW) & (since <= _RAMP_VIEW)
+            series: list[Series | Band] = [Series("measured", since[near] - begin, force[near], role="measured")]
+            series += pages.model_curves(since[near] - begin, *(one[near] for one in model)) if model else ()
+            labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N", tuple(series))
+            charts.append(LineChart(*labels, group="ramps", height_px=240, caption=caption))
+            if curves is None:
+                continue
+            means = np.array([curves[number][name].values[i] for name in ("mean_time", "force", "u_force")])
             lag, force, u = means[:, np.isfinite(means[1])]
             drawn.append(Series(f"{label}, measured", lag, force, style="points", role="measured"))
-            if not is_there(compared):
-                continue
-            since = load["time"].values[rows] - float(ramp["end"][i])
-            names = ("simulated_force", "u_simulated_force")
-            model, wide = (np.interp(lag, since, compared[name].values[rows]) for name in names)
-            drawn.append(Series(f"{label}, model", lag, model, role="model"))
-            gaps.append(Series(label, lag, force - model, role="residual", u=u))
-            gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
-    x, caption = "time since the stage arrived / s", "Means over equal steps of the logarithm of time."
-    charts = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
-    if gaps:
+            if model:
+                theirs, wide = (np.interp(lag, since, one) for one in model)
+                drawn.append(Series(f"{label}, model", lag, theirs, role="model"))
+                gaps.append(Series(label, lag, force - theirs, role="residual", u=u))
+                gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
+    sections, x = [Section("Ramp and peak", tuple(charts))], "time since the stage arrived / s"
+    if drawn:
+        caption = "Means over equal steps of the logarithm of time."
+        holds = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
         caption = (
             "Bars: noise of each mean, one standard uncertainty. An error of the depth, the gain or the modulus shifts "
             "the whole curve; the area is the uncertainty of the model."
         )
-        title, y, rest = "Measured minus model", "difference / N", tuple(gaps)
-        charts.append(LineChart(title, x, y, rest, x_scale="log", height_px=200, caption=caption))
-    return Section("Relaxation", tuple(charts))
+        labels = ("Measured minus model", x, "difference / N", tuple(gaps))
+        holds += [LineChart(*labels, x_scale="log", height_px=200, caption=caption)] if gaps else []
+        sections.append(Section("Relaxation", tuple(holds)))
+    return sections
 
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
@@ -153,7 +138,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
 page = Report(
     "Stress relaxation",
     ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (summary(compared_rows, _details), measured, _tests, _ramps, _holds, budgets(quantities), _methods),
+    (summary(compared_rows, _details), measured, _tests, _forces, budgets(quantities), _methods),
     compared_rows,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)

@@ -16,4 +16,4 @@ class Relaxation(Indentation, frozen=True, kw_only=True):
 
     function: ClassVar[str] = "Stress Relaxation"  # of the tester, that is evaluated
     kind: Literal["relaxation"]
-    mach1: Annotated[list[File], msgspec.Meta(min_length=1)]
+    mach1: Annotated[list[File], msgspec.Meta(min_length=1)]  #: files of the tester

@@ -1,7 +1,7 @@
 """Uncertainty budgets as blocks of a page: on reports and on the sensitivity page."""
 
-from collections.abc import Iterable, Sequence
-from math import isfinite, isinf
+from collections.abc import Callable, Iterable, Sequence
+from math import isfinite
 
 from labpipe.report import (
     Column,
@@ -17,41 +17,35 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.uncertainty import Budget, MonteCarlo, intervals_agree, linear_budget, monte_carlo
+from labpipe.workflow.context import Context
 from pipelines.experiments.shared.budget_quantity import Quantity
-
-_MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
-_DRAWS = 2000  # on the page of an experiment: the ends of an interval to 5 % of u
+from pipelines.experiments.shared.given import Given
 
 Propagated = tuple[Quantity, Budget, MonteCarlo]
 
 
-def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, ...]:
-    """Return the budgets of an experiment's main quantities, one line each and each folded away.
+def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Section]:
+    """Return the section of the budgets that a kind has: its main quantities, one line each and each folded away.
 
-    Those without a finite value are left out; without any there is no section.
+    Those without a finite value are left out; without any the section is empty.
     """
-    linear = [(each, linear_budget(each.model, each.inputs)) for each in quantities]
-    known = [(each, budget) for each, budget in linear if isfinite(budget.value) and isfinite(budget.u)]
-    if not known:
-        return ()
-    found = [(each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)) for each, budget in known]
-    caption = "After the GUM; repeats are type A with Student's quantile. To see which input to measure better: "
-    caption += f"labpipe sensitivity SESSION {experiment}."
-    if any("mode_" in name for each, _ in known for name in each.inputs):
-        caption += " Modes of a DMA are independent combinations of the errors of its spectrum, each of size 1."
-    largest = (budget.rows[0] for _, budget in known)
-    shares = [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest]
-    folded = []
-    for each, budget in known:
-        freedom = {name: _number(given.degrees_of_freedom) for name, given in each.inputs.items()}
-        has_few = any(isfinite(given.degrees_of_freedom) for given in each.inputs.values())
-        rows = [row for row in budget.rows if row["u"] > 0.0]
-        folded.append(
-            Details(
-                each.name, budget_table(rows, each.name, each.unit, {"degrees of freedom": freedom} if has_few else {})
-            )
-        )
-    return (Section("Uncertainty budgets", (overview(found, "largest source", shares, caption), *folded)),)
+
+    def section(given: Given, context: Context) -> Section:
+        linear = ((each, linear_budget(each.model, each.inputs)) for each in given.ask(quantities) or ())
+        known = [(each, budget) for each, budget in linear if isfinite(budget.value) and isfinite(budget.u)]
+        # so many draws give the ends of an interval to 5 % of u
+        found = [(each, budget, monte_carlo(each.model, each.inputs, draws=2000)) for each, budget in known]
+        shares = [f"{shown_source(b.rows[0]['source'])}, {100.0 * b.rows[0]['share']:.0f} %" for _, b in known]
+        caption = "After the GUM; repeats are type A with Student's quantile. To see which input to measure better: "
+        caption += f"labpipe sensitivity SESSION {context.experiment}."
+        if any("mode_" in name for each, _ in known for name in each.inputs):
+            caption += " Modes of a DMA are independent combinations of the errors of its spectrum, each of size 1."
+        lines = overview(found, "largest source", shares, caption)
+        tables = [(each, [row for row in budget.rows if row["u"] > 0.0]) for each, budget in known]
+        folded = [Details(each.name, budget_table(rows, each.name, each.unit)) for each, rows in tables]
+        return Section("Uncertainty budgets", [lines, *folded] if known else [])
+
+    return section
 
 
 def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = "") -> Table:
@@ -62,7 +56,7 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
             value_with_uncertainty(budget.value, budget.u, each.unit),
             half_width(budget, each.unit),
             coverage_factor(budget),
-            _number(budget.degrees_of_freedom),
+            number(budget.degrees_of_freedom, 3),
             _checked(budget, drawn, difference_unit(each.unit)),
             text,
         )
@@ -96,9 +90,3 @@ def _checked(budget: Budget, drawn: MonteCarlo, unit: str) -> str:
     why = "few repeats" if isfinite(budget.degrees_of_freedom) else "not linear"
     low, high = (quantity(end - budget.value, unit, 2) for end in (drawn.low, drawn.high))
     return f"differ ({why}): {low} to {high} about the value by Monte Carlo"
-
-
-def _number(freedom: float) -> str:
-    if freedom >= _MANY:
-        return "∞" if isinf(freedom) else f"> {_MANY:.0f}"
-    return f"{freedom:.3g}"

@@ -16,9 +16,6 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.uncertainty import Input, Model, scatter_beyond
 
-IMPACTS = 3
-"""Impacts that are shown; the thesis analyses the first three."""
-
 TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
 

@@ -10,18 +10,19 @@ import xarray as xr
 
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.signals import nrmse
 from labpipe.variables import variable
 
 IMPACTS = 3
-"""Impacts that are compared one by one; the thesis compares the first three."""
+"""Impacts that are compared one by one, and have a budget; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
-_WORDS = ("material", "condition", "against", "slopes", "simulated")
+_WORDS = ("against", "slopes", "simulated")
 """Arguments of a row that are no numbers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Row:
     """One comparison.
 
@@ -36,10 +37,10 @@ class Row:
     ``kept`` are results behind it that earlier code made and that were taken as they are.
     """
 
-    experiment: str = ""
-    kind: str = ""
-    material: str = ""
-    condition: str = ""
+    experiment: str
+    kind: str
+    material: str
+    condition: str
     quantity: str
     unit: str
     n: int
@@ -77,13 +78,22 @@ class Row:
             return self.p_of_curve
         return None if self.deviation is None else erfc(abs(self.deviation) / sqrt(2))
 
+    @property
+    def texts(self) -> tuple[str | None, ...]:
+        """Measured and expected value and their difference, in words; None where there is none."""
+        pairs = ((self.measured, self.u_measured), (self.model, self.u_model), (self.difference, self.u_difference))
+        return tuple(
+            None if v is None else value_with_uncertainty(v, u, self.unit) if u else quantity(v, self.unit)
+            for v, u in pairs
+        )
+
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
         shown = asdict(self) | {"deviation": self.deviation, "p": self.p}
         return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve", "simulated")}
 
 
-def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
+def row(quantity: str, unit: str, n: int, *, material: str = "", condition: str = "", **values: Any) -> Row:
     """Return a row without its experiment; numbers that are not finite become None.
 
     A value with its standard uncertainty is given as a pair.
@@ -94,13 +104,13 @@ def row(quantity: str, unit: str, n: int, **values: Any) -> Row:
     >>> made.measured, made.u_measured, made.u_model
     (0.8, 0.1, None)
     """
-    words = {name: values.pop(name) for name in _WORDS if name in values}
+    made: dict[str, Any] = {name: values.pop(name) for name in _WORDS if name in values}
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    numbers = {name: float(value) for name, value in values.items() if value is not None and np.isfinite(value)}
-    if "degrees_of_freedom" in numbers:
-        numbers["degrees_of_freedom"] = told_freedom(numbers["degrees_of_freedom"])
-    return Row(quantity=quantity, unit=unit, n=n, **words, **numbers)
+    made |= {name: float(value) for name, value in values.items() if value is not None and np.isfinite(value)}
+    if "degrees_of_freedom" in made:
+        made["degrees_of_freedom"] = told_freedom(made["degrees_of_freedom"])
+    return Row("", "", material, condition, quantity, unit, n, **made)
 
 
 def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
@@ -147,22 +157,20 @@ def apart(measured: xr.DataArray, model: Floats) -> xr.Dataset:
     )
 
 
-_STRETCHES = 3  # of a fall or flight
-_FEWEST = 10  # samples of each
-_BESIDE = 0.1  # of a flight, from its contacts, where a small shift in time is a large one in height
+def flights(
+    time: Floats, touches: Floats, leaves: Floats, release: float, *, count: int = 3, fewest: int = 10
+) -> list[Integers]:
+    """Return the samples of ``count`` stretches, of at least ``fewest``, in the fall and each flight that is whole.
 
-
-def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> list[Integers]:
-    """Return the samples of three stretches within the fall and each flight that a record holds whole.
-
-    The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s].
+    The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s]. A tenth of
+    a flight is left out at either end, where a small shift in time is a large one in height.
     """
     places: list[Integers] = []
     for begin, end in zip((max(release, float(time[0])), *leaves), touches, strict=False):
-        margin = _BESIDE * (end - begin)
+        margin = 0.1 * (end - begin)
         inside = np.flatnonzero((time >= begin + margin) & (time <= end - margin))
-        if inside.size >= _STRETCHES * _FEWEST and end <= time[-1]:
-            places += np.array_split(inside, _STRETCHES)
+        if inside.size >= count * fewest and end <= time[-1]:
+            places += np.array_split(inside, count)
     return places
 
 

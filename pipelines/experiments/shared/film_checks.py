@@ -41,8 +41,8 @@ _BESIDE = np.arange(-2, 3)
 
 def of_film(
     context: Context, settings: Any, found: xr.Dataset | None, causes: Mapping[str, str], mends: Mapping[str, str]
-) -> tuple[Check, list[Check]]:
-    """Return whether a film is whole, and its steps that failed and the grey levels of its frames as checks.
+) -> list[Check]:
+    """Evaluate the steps that failed, and whether a film is whole and its grey levels are not cut off.
 
     ``found`` is what was measured in its frames; ``causes`` and ``mends`` are those of failed steps.
     """
@@ -57,7 +57,7 @@ def of_film(
         # what fails on a film that is not whole has that cause, where nothing better is known
         is_known = failed.setting or failed.cause in CAUSES.values() or failed.level != "impossible"
         checks.append(failed if is_known or not text else replace(failed, cause=_NOT_WHOLE))
-    return whole, checks if found is None else [*checks, whole, exposed(found, film)]
+    return checks if found is None else [*checks, whole, exposed(found, film)]
 
 
 def repeated(film: FrameSource, is_seen: Flags) -> list[int]:
@@ -166,7 +166,9 @@ def light_of(film: FrameSource) -> str:
 
 def exposed(found: xr.Dataset, film: str) -> Check:
     """Look for grey levels that were cut off."""
-    light = json.loads(found.attrs.get(LIGHT, '{"clipped": 0.0}'))
+    if LIGHT not in found.attrs:
+        return not_made("exposure", "the frames")
+    light = json.loads(found.attrs[LIGHT])
     share = light["clipped"]
     if share < _CLIPPED:
         return stated("exposure", f"{film}: no grey level is cut off", None, file=film)

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 import calibration
@@ -31,13 +30,14 @@ def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
     """Leave out short runs of readings that leave a record and return to it; see :func:`labpipe.signals.outliers`."""
     made, runs = readings.copy(), {}
     for output in (str(name) for name in readings if str(name).startswith("out")):
-        state = readings.get(output.replace("out", "status"), xr.zeros_like(readings[output], np.int8))
-        values = readings[output].where(state == 0).values.astype(float)
+        state = output.replace("out", "status")
+        values = readings[output].where(readings[state] == 0 if state in readings else True).values.astype(float)
         flags, found = left_out(values, readings["time"].values, ends=ends)
         if found:
             runs[output] = found
             made[output] = readings[output].where(~flags)
-            made[output.replace("out", "status")] = state.where(~flags, OUTLIER).astype(state.dtype)
+        if found and state in readings:
+            made[state] = readings[state].where(~flags, OUTLIER).astype(readings[state].dtype)
     return made.assign_attrs(outliers=json.dumps(runs)) if runs else readings
 
 

@@ -8,7 +8,7 @@ cell's capacity, its sign against the motion, its size against that of the model
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan
@@ -37,7 +37,7 @@ _TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of t
 _CAPACITY, _SCALE, _DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
 _SATURATION, _RATIO, _RESPONSE = "saturation of the cell", "force for the named material", "response of the cell"
 _SWAPPED, ALIGNMENT = "order of the columns", "lateral force"
-_OUTLIERS, _PUNCH = "outliers", "size of the punch"
+_OUTLIERS, _LOST, _PUNCH = "outliers", "lost rows", "size of the punch"
 
 TITLES = {
     "columns": Title(
@@ -55,7 +55,7 @@ TITLES = {
     "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
     "punch": Title("The stated punch can be pressed in so far.", (_PUNCH,)),
     "contact modulus": Title("The force is that of the model for the named material.", (_RATIO,)),
-    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS,)),
+    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS, _LOST)),
 }
 _NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
 _FAILED = {
@@ -92,24 +92,9 @@ _MANY = 0.01  # of the readings of a block, left out as outliers
 _LARGEST_PUNCH = 0.5  # m, either way
 
 
-@dataclass(frozen=True)
-class Tested:
-    """One recording of an indentation, as far as its steps gave a result.
-
-    ``depth`` is the largest one [m], ``force`` and ``expected`` are the force of one state and that of the model for
-    the named material [N]; NaN where there is none.
-    """
-
-    name: str
-    readings: xr.Dataset | None
-    loads: xr.Dataset | None
-    depth: float = nan
-    force: float = nan
-    expected: float = nan
-
-
 def scene(
-    tests: Sequence[Tested],
+    files: Sequence[str],
+    steps: Sequence[Sequence[xr.Dataset | None]],
     inputs: Mapping[str, Quantity],
     rows: Callable[..., Iterable[Row]],
     given: Given,
@@ -118,23 +103,27 @@ def scene(
 ) -> judgements.Scene:
     """Check the recordings of an experiment, its cell and its punch, and compare ``rows`` of known ``inputs``.
 
-    A mistake in one file does not show in the others, so that each has causes of its own.
+    ``steps`` are readings, loads, the result that holds first touch, and the comparison, of each file or None. A
+    mistake in one file does not show in the others, so that each has causes of its own.
     """
-    cell = next((test.loads for test in tests if test.loads is not None), None)
+    cell = next((loads for loads in steps[1] if loads is not None), None)
     of_cell = [] if cell is None else list(_of_cell(settings.load_cell, cell))
-    checks, depths = list[Check](), [nan]
-    for test in tests:
-        if test.readings is None:
+    is_scaled = not any(check.name == _SCALE and check.level for check in of_cell)
+    checks, deepest = list[Check](), 0.0
+    for name, readings, loads, touched, model in zip(files, *steps, strict=True):
+        if readings is None:
             checks.append(not_made(_SWAPPED, "a file that can be read"))
             continue
-        found = of_file(test.name, test.readings)
-        if not any(check.name in (_SWAPPED, _RESPONSE, _TRAVEL) and check.level for check in found):
-            depths.append(test.depth)  # the depth of the punch is known
-            found += [] if any(check.name == _SCALE and check.level for check in of_cell) else [_of_force(test)]
-        checks += judge(found, list(_causes(test.name, test.readings, settings, found))).checks
-    checks += _of_punch(settings, float(np.nanmax(depths)) if np.isfinite(depths).any() else nan)
-    files = (*(test.name for test in tests), settings.load_cell.record)
-    checks += [*of_cell, *(placed(failed, *files) for failed in judgements.failed_steps(context, _FAILED))]
+        found = of_file(name, readings)
+        if loads is not None and not any(c.name in (_SWAPPED, _RESPONSE, _TRAVEL) and c.level for c in found):
+            position = loads["position_z"].values  # and so the depth of the punch is known
+            depth = nan if touched is None else float(np.nanmax(position) - touched["contact_position"])
+            deepest = max(deepest, 0.0 if np.isnan(depth) else depth)
+            found += [_of_force(name, loads, model, int(np.nanargmax(position)))] if is_scaled else []
+        checks += judge(found, list(_causes(name, readings, settings, found))).checks
+    checks += _of_punch(settings, deepest)
+    failed = judgements.failed_steps(context, _FAILED)
+    checks += [*of_cell, *(placed(check, *files, settings.load_cell.record) for check in failed)]
     gain = Quantity(1.0, 0.0 if cell is None else mach1_readings.relative_gain(cell), "1")
     known = {FORCE_SCALE: gain, STIFFNESS: Quantity(1.0, 0.0, "1"), **inputs}
     shared = {TOUCH: known.pop(TOUCH)} if TOUCH in known else {}
@@ -150,8 +139,11 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     order = _order_of_columns(blocks)
     if order.level is not None:
         return [order]
+    lost = _lost(blocks)
     found = [order, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks)]
-    return [*found, *_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks), _left_out(blocks)]
+    found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
+    found += [*_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks)]
+    return [*found, _left_out(blocks), lost]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:
@@ -232,14 +224,16 @@ def _response(blocks: Sequence[Part]) -> Check:
         return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
     moves = [one for one in blocks if one.function in (RELAXATION, FIND_CONTACT) and isfinite(one.direction)]
     is_back = any(one.moved(one.position) * one.direction < -_LEAST_TRAVEL for one in moves)
+    text = f"{part}: stiffness {quantity(k, 'N/m')}"
+    if is_back:
+        text += ", and the stage moves against its declared direction"
+        cause = f"the sign of the column of the position is wrong (line {part.header_line})"
+        return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
     place = next((i for i, line in enumerate(part.header["info_lines"]) if line.startswith("Load Cell Type")), 0)
     cause = (
         f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
         f"(line {part.line + 1 + place}), which says the sign of compression"
     )
-    if is_back:
-        cause = f"the sign of the column of the position is wrong (line {part.header_line})"
-    text = f"{part}: stiffness {quantity(k, 'N/m')}{', against the declared direction of the stage' * is_back}"
     return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
 
 
@@ -303,6 +297,23 @@ def _left_out(blocks: Sequence[Part]) -> Check:
     return stated(_OUTLIERS, text, level, cause=cause, file=part.file, line=line)
 
 
+def _lost(blocks: Sequence[Part]) -> Check:
+    """Look for a step of the position in an oscillation that no speed of the stage explains."""
+    found = []
+    for part in (part for part in blocks if part.function == OSCILLATION):
+        steps = np.abs(np.diff(part.position))
+        at, usual = int(np.nanargmax(steps)), float(np.nanquantile(steps, 0.99))
+        found.append((float(steps[at]) / usual if usual > 0.0 else 1.0, part, at))
+    if not found:
+        return not_made(_LOST, "an oscillation")
+    times, part, at = max(found, key=lambda one: one[0])
+    text = f"{part}: the largest step of the position is {in_words(times, 2)} times the usual, in line "
+    text += f"{part.row_line(at + 1)}"
+    cause = "rows were lost there when the file was written or copied, and the times of the others renewed"
+    level: Level | None = "doubtful" if times > 2.0 else None
+    return stated(_LOST, text, level, cause=cause, file=part.file, line=part.row_line(at + 1) if level else None)
+
+
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     """Check the record of the load cell: its scale, and the delay of its filter."""
     gain, record = float(loads["gain"]), load_cell.record or ""
@@ -329,13 +340,16 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
 
 
-def _of_force(test: Tested) -> Check:
-    """Compare a force with that of the model for the named material, which is doubtful outside a plausible range."""
-    if not (isfinite(test.expected) and test.expected > 0.0 and test.force > 0.0):
+def _of_force(name: str, loads: xr.Dataset, model: xr.Dataset | None, at: int) -> Check:
+    """Compare the force at a sample with that of the model for the named material."""
+    if not loads.attrs["is_tared"] or model is None or "simulated_force" not in model:
         return not_made(_RATIO, "a model")
-    ratio, seen, expected = log(test.force / test.expected), quantity(test.force, "N"), quantity(test.expected, "N")
-    text = f"{test.name}: {seen} measured, {expected} expected of the named material"
-    check = bounded(_RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=test.name)
+    force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
+    if not (force > 0.0 and expected > 0.0):
+        return not_made(_RATIO, "forces above 0")
+    ratio = log(force / expected)
+    text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
+    check = bounded(_RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=name)
     return replace(check, log_ratio=ratio, u_log_ratio=_U_MATERIAL)
 
 

@@ -17,7 +17,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
 from labpipe.signals import LONGEST_RUN
 from labpipe.units import Quantity
-from labpipe.variables import variable, with_u
+from labpipe.variables import with_u
 from pipelines.experiments.shared import mach1_touch
 from pipelines.experiments.shared.exclusions import EXCLUDED, left_out, without_readings
 from pipelines.experiments.shared.punch_settings import Indentation
@@ -48,14 +48,7 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
         return without_outliers(found)
     name = str(getattr(settings, "function", "Stress Relaxation"))
     found.attrs["blocks"] = json.dumps([block | {"function": name} for block in json.loads(found.attrs["blocks"])])
-    found = found.assign(function=("block_index", [name]))
-    if name == "Sinusoid":  # that other testers do not state; the fit begins there
-        position, time = found["position_z"].values, found["time"].values
-        spectrum = np.abs(np.fft.rfft(position - position.mean()))
-        frequency = float(np.argmax(spectrum)) / (np.ptp(time) * position.size / (position.size - 1))
-        for of, value, unit in (("frequency", frequency, "Hz"), ("amplitude", 0.5 * float(np.ptp(position)), "m")):
-            found[f"declared_{of}"] = variable("block_index", [value], unit, f"{of} of the largest motion")
-    return without_outliers(found)
+    return without_outliers(found.assign(function=("block_index", [name])))
 
 
 def _runs(flags: Flags) -> list[Integers]:

@@ -123,7 +123,12 @@ def document(
     chart = next((b for one in sections for b in one.blocks if isinstance(b, LineChart | ScatterChart)), None)
     own = [replace(one, blocks=[b for b in one.blocks if b is not chart]) for one in sections]
     opening = [*answer, *_notices(context), *([] if chart is None else [chart])]
-    parts = [Section("Verdict", opening), *own[:1], Section("What the verdict rests on", basis), *own[1:]]
+    parts = [
+        Section("Verdict" if answer else "Overview", opening),
+        *own[:1],
+        Section("What the verdict rests on", basis),
+        *own[1:],
+    ]
     parts += [_problems(context), _ledger(context), _provenance(context)]
     return Document(
         title=context.experiment,
@@ -198,11 +203,9 @@ def _provenance(context: Context) -> Section:
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
-    """Make a section that is folded away until it is asked for; warnings stay in sight."""
-    found = tuple(blocks)
-    inside = tuple(block for block in found if not isinstance(block, Notice))
-    notices = tuple(block for block in found if isinstance(block, Notice))
-    return Section(title, (*notices, *((Details(summary, blocks=inside),) if inside else ())))
+    """Make a section that is folded away until it is asked for; empty without blocks."""
+    inside = tuple(blocks)
+    return Section(title, (Details(summary, blocks=inside),) if inside else ())
 
 
 def session_document(session: Session, title: str, sections: Iterable[Section]) -> str:
@@ -271,10 +274,10 @@ def recordings(settings: Any, context: Context, readings: Any = None, displaceme
         first = read[0].attrs
         every = float(first["sampling_interval"])
         rate = value_with_uncertainty(1 / every, 0.0, "Hz") if every < 1.0 else f"every {every:g} s"
-        rows.append(("instrument", str(first.get("instrument", "")), str(first.get("model", ""))))
+        layout = "layout of the file assumed, as none is public" * (first.get("layout") == "assumed")
+        model = ", ".join(filter(None, (str(first.get("model", "")), layout)))
+        rows.append(("instrument", str(first.get("instrument", "")), model))
         rows.append(("sampling", rate, f"{read[0].sizes['time']} points"))
-        if first.get("layout") == "assumed":
-            blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
     if body is not None:
         rows.append(("sphere radius", stated(body.radius), ""))
         if hasattr(body, "mass"):

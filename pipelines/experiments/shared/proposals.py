@@ -6,10 +6,12 @@ written as :data:`labpipe.workflow.fields.GAP`; a person is asked for it, and th
 it is filled.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import instruments
 from labpipe.errors import LabpipeError
@@ -143,16 +145,38 @@ def dma_of(material: str, found: Found) -> str | None:
     return None if wanted in taken else wanted
 
 
-def height_line(name: str) -> str:
-    """Return the line of the drop height, where a file's name, or else its folder's, holds one length."""
+def fall_shown(path: Path) -> float:
+    """Return about how far a body fell along the line of sight [m], from its first to its last level; NaN if unknown.
+
+    The level at the end is the lowest of the last tenth: bodies that still bounce touch the floor there.
+    """
+    import numpy as np  # which a plan does not need
+
+    try:
+        read: Any = instruments.read(path)
+    except LabpipeError:
+        return math.nan
+    if "out1" not in read or read["out1"].attrs.get("units") != "m":
+        return math.nan
+    values = read["out1"].values[np.isfinite(read["out1"].values)]
+    tenth = max(values.size // 10, 1)
+    return abs(float(np.median(values[: max(tenth // 4, 1)]) - values[-tenth:].min())) if values.size else math.nan
+
+
+def height_line(name: str, shown: float = math.nan) -> str:
+    """Return the line of the drop height, where a file's name, or else its folder's, holds one length.
+
+    A fall that the record shows [m] is added as a remark: it is no statement of the height.
+    """
+    seen = "" if math.isnan(shown) else f"; the record shows about {shown * 1e3:.2g} mm along the line of sight"
     for part in reversed(Path(whole_stem(name)).parts):
         lengths = set(_HEIGHT.findall(part))
         if len(lengths) == 1:
             number, unit = (text.lower().replace("p", ".").replace(",", ".") for text in lengths.pop())
-            return f'height = "{number} {unit}"  # proposed from the file name; add ± u'
+            return f'height = "{number} {unit}"  # proposed from the file name; add ± u{seen}'
         if lengths:
             break
-    return f'height = "{GAP} mm"  # fall from release to first touch, with ±, e.g. "1.500 ± 0.005 mm"'
+    return f'height = "{GAP} mm"  # fall from release to first touch, with ±, e.g. "1.500 ± 0.005 mm"{seen}'
 
 
 def sees_plate(name: str) -> bool:

@@ -28,11 +28,12 @@ from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 
 TOUCH = "first touch"
+SHIFT = 1e-7
+"""m of first touch by which a derivative is found: far above the solver's own error."""
 NOTHING_NAMED = "session.toml names no punch and no substrate, so nothing was simulated"
 _TIPS = "number of tips"
 _DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
-_LEAST_SHIFT = 1e-7  # m of first touch for the same purpose: far above the solver's own error
 _UNIT_MODULUS = 1e6  # Pa; a soft elastic solid whose force is divided by it
 _INCOMPRESSIBLE = 0.5  # what a layer's ratio is taken for when no material is named
 
@@ -169,7 +170,7 @@ def simulated(
     # By Lee and Radok's superposition of elastic forces, J. Appl. Mech. 27 (1960) 438,
     # doi:10.1115/1.3644020: exact while the contact grows, and close enough for an uncertainty while
     # it recedes a little.
-    area, shift = elastic_force(depth[kept], geometry), max(touch.u, _LEAST_SHIFT)
+    area, shift = elastic_force(depth[kept], geometry), max(touch.u, SHIFT)
     best, higher = superposed(area, solid), superposed(elastic_force(depth[kept] - shift, geometry), solid)
     slopes = {TOUCH: (touch, (higher - best) / shift)}
     deepest = float(depth.max())

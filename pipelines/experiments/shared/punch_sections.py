@@ -3,8 +3,6 @@
 import math
 from typing import Any
 
-import xarray as xr
-
 from labpipe.arrays import Floats
 from labpipe.report import Block, Details, KeyValues, Listed, Section, listed, value_with_uncertainty
 from labpipe.workflow.context import Context
@@ -64,20 +62,15 @@ def measured(settings: Any, context: Context, readings: Any = None, loads: Any =
                 Listed("readings", raw["n_rows"].values.astype(int).tolist()),
             )
             inside.append(listed(columns, "Blocks of the file"))
-        inside += [] if force is None else _cell(force)
+        if force is not None:
+            gain, u_gain, record = float(force["gain"]), float(force["u_gain"]), force.attrs["calibration"]
+            unknown = "as applied by the instrument; its uncertainty is unknown without a calibration record"
+            shown = value_with_uncertainty(gain, u_gain if math.isfinite(u_gain) else 0.0)
+            cell = [
+                ("tare", pages.told(force, "tare"), "subtracted" if force.attrs["is_tared"] else "not subtracted"),
+                ("gain of the load cell", shown, "" if math.isfinite(u_gain) else unknown),
+            ]
+            inside += [KeyValues(cell), *([pages.calibration_rows(record)] if record.startswith("{") else [])]
         blocks += [Details(name, inside)] if inside else []
         blocks += [] if raw is None else pages.raw_headers([raw])
     return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
-
-
-def _cell(loads: xr.Dataset) -> list[Block]:
-    """Show tare and gain."""
-    gain, u_gain = float(loads["gain"]), float(loads["u_gain"])
-    known = math.isfinite(u_gain)
-    unknown = "as applied by the instrument; its uncertainty is unknown without a calibration record"
-    rows = [
-        ("tare", pages.told(loads, "tare"), "subtracted" if loads.attrs["is_tared"] else "not subtracted"),
-        ("gain of the load cell", value_with_uncertainty(gain, u_gain if known else 0.0), "" if known else unknown),
-    ]
-    record = loads.attrs["calibration"]
-    return [KeyValues(rows), *([pages.calibration_rows(record)] if record.startswith("{") else [])]

@@ -12,16 +12,16 @@ class Punch(Table, frozen=True, kw_only=True):
     ``depth`` is the length of one tip along its axis; ``tips`` how many touch.
     """
 
-    radius: Annotated[Length, POSITIVE]
-    period: Annotated[Length, POSITIVE]
-    depth: Annotated[Length, POSITIVE]
-    tips: Annotated[int, Range(at_least=1, at_most=1000)] = 3
+    radius: Annotated[Length, POSITIVE]  #: radius of a tip
+    period: Annotated[Length, POSITIVE]  #: distance of the tips
+    depth: Annotated[Length, POSITIVE]  #: length of a tip along its axis
+    tips: Annotated[int, Range(at_least=1, at_most=1000)] = 3  #: tips that touch
 
 
 class Substrate(MaterialChoice, frozen=True, kw_only=True):
     """The rubber: its material and, when it is a thin bonded sheet, its thickness."""
 
-    thickness: Annotated[Length, POSITIVE] | None = None
+    thickness: Annotated[Length, POSITIVE] | None = None  #: of a thin bonded sheet
 
 
 class LoadCell(Table, frozen=True, kw_only=True):
@@ -36,8 +36,8 @@ class LoadCell(Table, frozen=True, kw_only=True):
 class IndentationModel(Table, frozen=True, kw_only=True):
     """Simulation of the indentation: tip profile and strips per period."""
 
-    profile: Literal["parabola", "circle", "cosine"] = "circle"
-    elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024
+    profile: Literal["parabola", "circle", "cosine"] = "circle"  #: shape of a tip
+    elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024  #: strips per period
 
 
 class Indentation(Recorded, frozen=True, kw_only=True):
@@ -48,9 +48,9 @@ class Indentation(Recorded, frozen=True, kw_only=True):
     same file is searched for it. ``columns`` names time, position and force of another tester's table, one block.
     """
 
-    punch: Punch | None = None
-    substrate: Substrate | None = None
-    contact: Length | None = None
-    load_cell: LoadCell = LoadCell()
-    columns: Columns | None = None
-    model: IndentationModel = IndentationModel()
+    punch: Punch | None = None  #: the indenter; without it no modulus is found
+    substrate: Substrate | None = None  #: the rubber; without it nothing is simulated
+    contact: Length | None = None  #: stage position of first touch
+    load_cell: LoadCell = LoadCell()  #: the load cell
+    columns: Columns | None = None  #: columns of another tester's table
+    model: IndentationModel = IndentationModel()  #: the simulation

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Flags, Floats, Integers
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import IN_MOTION, MARKER
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
@@ -51,7 +52,7 @@ CAUSES = {
 
 OF_LASER: Titles = {
     "continuity of the readings": Title(
-        "A recording holds every reading once, in order and in range of the sensor, and none of another recording.",
+        "A recording holds every reading once, in order and within the range of the sensor.",
         (
             "readings out of range", "clipped or held readings", "jumps and spikes", "rows that come twice",
             "beginning of the record", "end of the record", "readings", SINGLE_ROWS,
@@ -61,6 +62,7 @@ OF_LASER: Titles = {
         "Noise is white, constant, without mains frequency, and not coarser than the display's resolution.",
         ("mains hum", "resolution of the readings", "change of the noise"),
     ),
+    "files": Title("No two recordings contain the same noise.", ("readings of another record",)),
 }  # fmt: skip
 """Checks of the readings of a displacement sensor."""
 
@@ -118,16 +120,6 @@ class Trace:
         """Number of readings that do not repeat by chance."""
         return _BLOCK // 2 if self.noise > self.resolution else _BLOCK
 
-    @cached_property
-    def stretches(self) -> tuple[Integers, Integers]:
-        """Places and digests of the stretches of readings, but for their zero, that do not come twice by chance."""
-        if self.reading.size < 3 * self.block or self.resolution == 0.0:
-            return np.empty(0, int), np.empty(0, int)
-        steps = np.round(np.nan_to_num(np.diff(self.reading)) / self.resolution).astype(np.int64)
-        places = np.flatnonzero(np.convolve(steps != 0, np.ones(self.block), "valid") >= self.block / 2)
-        windows = np.lib.stride_tricks.sliding_window_view(steps, self.block)
-        return places, (windows @ np.random.default_rng(0).integers(1, 2**62, self.block))[places]
-
     def at(self, index: int) -> str:
         """Write the time of a reading."""
         return quantity(float(self.time[index]), "s")
@@ -156,17 +148,17 @@ def of_recordings(
             traces.append(trace)
             results = [result for result in (moved.get(name), bounced.get(name)) if result is not None]
             line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
-            found += of_readings(trace, settings.model.gravity.value, line, traces[:-1])
+            found += of_readings(trace, settings.model.gravity.value, line)
     others = [placed(check, record, check.file) for check in failed_steps(context, failed)]
-    return found, [*others, *of_record(moved, record)]
+    return [*found, shared_rows(traces)], [*others, *of_record(moved, record)]
 
 
-def of_readings(trace: Trace, gravity: float, hum: Hum | None = None, others: Sequence[Trace] = ()) -> list[Check]:
-    """Evaluate continuity and noise of a record beside ``others``; ``hum`` of the mains was subtracted from it."""
+def of_readings(trace: Trace, gravity: float, hum: Hum | None = None) -> list[Check]:
+    """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it."""
     if np.isfinite(trace.reading).sum() < 10 * _FLAT:
         return [not_made("readings", "sixty valid readings")]
     held = held_readings(trace)
-    found = [unread(trace), held, repeated_rows(trace, others), resolution(trace), _steady_noise(trace)]
+    found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
     if held.level is None:
         found += [_jumps(trace), _single_rows(trace)]
     if hum is None:
@@ -258,7 +250,7 @@ def _single_rows(trace: Trace) -> Check:
     if trace.reading.size < 2 * _WINDOW:
         return not_made(SINGLE_ROWS, f"{2 * _WINDOW} readings")
     place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)
-    design = np.stack([place**0, place, place**2, np.sign(place) / 2.0])
+    design = np.stack([np.ones_like(place), place, place**2, np.sign(place) / 2.0])
     inverse = np.linalg.pinv(design)
     windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
     fitted, noise = windows @ inverse, max(trace.noise, 0.3 * trace.resolution)
@@ -278,24 +270,39 @@ def _single_rows(trace: Trace) -> Check:
     return trace.seen(SINGLE_ROWS, text, "doubtful", cause)
 
 
-def repeated_rows(trace: Trace, others: Sequence[Trace] = ()) -> Check:
-    """Look for readings that come twice in a record, or are those of another one, digit by digit but for their zero."""
-    name, (places, digests) = "rows that come twice", trace.stretches
-    if not places.size:
+def repeated_rows(trace: Trace) -> Check:
+    """Look for a stretch of readings that comes twice, digit by digit."""
+    name = "rows that come twice"
+    if trace.reading.size < 3 * trace.block or trace.resolution == 0.0:
         return not_made(name, f"{3 * trace.block} readings that differ")
+    count = np.round(np.nan_to_num(trace.reading) / trace.resolution).astype(np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(count, trace.block)
+    places = np.flatnonzero(np.convolve(np.diff(count) != 0, np.ones(trace.block - 1), "valid") >= trace.block / 2)
+    digests = (windows @ np.random.default_rng(0).integers(1, 2**62, trace.block))[places]
     _, first, inverse = np.unique(digests, return_index=True, return_inverse=True)
     original = places[first[inverse]]
     twice = np.flatnonzero(places - original >= trace.block)
-    if twice.size:
-        second, begin = trace.at(int(places[twice[0]])), trace.at(int(original[twice[0]]))
-        text = f"{twice.size + trace.block} readings from {second} come twice, digit by digit those from {begin}"
-        cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
-        return trace.seen(name, text, "impossible", cause)
-    for other in others:
-        if np.isin(digests, other.stretches[1]).mean() > 0.5:
-            text = f"its readings are those of {other.name}, digit by digit"
-            return trace.seen(name, text, "doubtful", "a copy was taken for a repeat")
-    return trace.seen(name, "no stretch of readings comes twice")
+    if not twice.size:
+        return trace.seen(name, "no stretch of readings comes twice")
+    second, begin = trace.at(int(places[twice[0]])), trace.at(int(original[twice[0]]))
+    text = f"{twice.size + trace.block - 1} readings from {second} come twice, digit by digit those from {begin}"
+    cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
+    return trace.seen(name, text, "impossible", cause)
+
+
+def shared_rows(traces: Sequence[Trace]) -> Check:
+    """Look for two records of equal readings, digit by digit but for their zero and the end of the longer one."""
+    name = "readings of another record"
+    known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
+    if len(known) < 2:
+        return not_made(name, "two records with readings that differ")
+    for first, later in combinations(known, 2):
+        n, half = min(first.reading.size, later.reading.size), 0.5 * max(first.resolution, later.resolution)
+        apart = np.abs(np.diff(first.reading[:n]) - np.diff(later.reading[:n]))
+        if (apart[np.isfinite(apart)] < half).all():
+            text = f"{n} readings in a row are those of {first.name}, digit by digit"
+            return later.seen(name, text, "doubtful", "a copy was taken for a repeat")
+    return stated(name, f"no two of {len(known)} records share their readings", None)
 
 
 def resolution(trace: Trace) -> Check:

@@ -6,16 +6,16 @@ from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Block, Column, Details, KeyValues, Notice, Section, Table, quantity, value_with_uncertainty
+from labpipe.report import Block, Column, Details, KeyValues, Notice, Section, Table
 from labpipe.workflow.context import Context
-from pipelines.experiments._kind import JUDGEMENT
-from pipelines.experiments.shared import budget_blocks
-from pipelines.experiments.shared.budget_quantity import Quantity
+from pipelines.experiments.shared.budget_blocks import budgets
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exclusions import exclusion_notice, notebook
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import verdict_blocks
 from pipelines.experiments.shared.pages import document
+
+__all__ = ("Report", "budgets", "is_there", "summary")
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,6 @@ class Report:
     rows: Callable[..., Iterable[Row]] | None = None
     counts: Mapping[str, Callable[[Any], bool]] = field(default_factory=dict)
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of the stage, in its order."""
-        return (JUDGEMENT, *self.shown)
-
     def __call__(self, judgement: xr.Dataset | None, *results: Any, settings: Any, context: Context) -> str:
         """Write the page."""
         known = dict(zip(self.shown, results, strict=True))
@@ -54,54 +49,31 @@ def summary(
     rows: Callable[..., Iterable[Row]], details: Callable[..., Sequence[tuple[str, str, str]]] | None = None
 ) -> Callable[..., Section]:
     """Return the summary of a kind: its compared values, after ``details``, further values with a remark each."""
-
-    def section(given: Given, context: Context) -> Section:
-        blocks: list[Block] = []
-        if details is not None and (told := given.ask(details)):
-            blocks.append(KeyValues(told))
-        if compared := given.each([rows]):
-            table = _compared(compared)
-            is_long = len(compared) > 12
-            blocks.append(Details(f"All {len(compared)} compared values", [table]) if is_long else table)
-        elif not context.failures:
-            blocks.append(Notice("info", "There is nothing to compare with."))
-        return Section("Summary", blocks)
-
-    return section
-
-
-def _compared(rows: Sequence[Row]) -> Table:
-    def shown(value: float | None, u: float | None, unit: str) -> str | None:
-        if value is None:
-            return None
-        text = value_with_uncertainty(value, u, unit) if u else quantity(value, unit)
-        return text.replace(" ", "\N{NO-BREAK SPACE}")
-
-    cells = [
-        (
-            ", ".join(filter(None, (row.quantity, row.material, row.condition))),
-            shown(row.measured, row.u_measured, row.unit),
-            shown(row.model, row.u_model, row.unit),
-            shown(row.difference, row.u_difference, row.unit),
-            row.deviation,
-            None if row.nrmse is None else 100 * row.nrmse,
-            row.p,
-        )
-        for row in rows
-    ]
     columns = (
         *map(Column, ("quantity", "measured", "expected", "difference")),
         *(Column("deviation", "u", digits=2), Column("nRMSE", "%", digits=3), Column("p", digits=2)),
     )
     caption = "Of a curve the difference is the mean one, and nRMSE is relative to the range of the model."
-    return Table(columns, cells, caption=caption)
 
-
-def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Sequence[Section]]:
-    """Return the section of the budgets that a kind has."""
-
-    def section(given: Given, context: Context) -> Sequence[Section]:
-        return budget_blocks.section(context.experiment, given.ask(quantities) or ())
+    def section(given: Given, context: Context) -> Section:
+        told = details and given.ask(details)
+        blocks: list[Block] = [KeyValues(told)] if told else []
+        cells = [
+            (
+                ", ".join(filter(None, (row.quantity, row.material, row.condition))),
+                *(text and text.replace(" ", "\N{NO-BREAK SPACE}") for text in row.texts),
+                row.deviation,
+                None if row.nrmse is None else 100 * row.nrmse,
+                row.p,
+            )
+            for row in given.each([rows])
+        ]
+        if cells:
+            table = Table(columns, cells, caption=caption)
+            blocks.append(Details(f"All {len(cells)} compared values", [table]) if len(cells) > 12 else table)
+        elif not context.failures:
+            blocks.append(Notice("info", "There is nothing to compare with."))
+        return Section("Summary", blocks)
 
     return section
 

@@ -25,15 +25,15 @@ class Recorded(Table, frozen=True, kw_only=True):
     ``exclude`` leaves recordings, readings or frames out, each with a reason; ``notes`` are dated remarks.
     """
 
-    exclude: list[Exclusion] = []
-    notes: list[Note] = []
+    exclude: list[Exclusion] = []  #: recordings, readings or frames left out
+    notes: list[Note] = []  #: dated remarks, shown on the page
 
 
 class NamedColumn(Table, frozen=True, kw_only=True):
     """One column of a table that no reader recognises: its heading, or its number from 1, and its unit."""
 
-    column: str | int
-    unit: str = ""
+    column: str | int  #: heading, or number from 1
+    unit: str = ""  #: unit of its numbers, where the heading has none
 
 
 Columns = Annotated[
@@ -66,10 +66,10 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
     """
 
     alternatives: ClassVar = (("material", "material_file", "material_from"),)
-    material: str | None = None
-    material_file: fields.File | None = None
-    material_from: fields.ExperimentName | None = None
-    temperature: fields.Temperature | None = None
+    material: str | None = None  #: name in the library
+    material_file: fields.File | None = None  #: TOML file of a material
+    material_from: fields.ExperimentName | None = None  #: DMA experiment of this session
+    temperature: fields.Temperature | None = None  #: temperature of the specimen
 
     def __post_init__(self) -> None:
         """Refuse no source and more than one."""
@@ -93,10 +93,10 @@ class Sphere(MaterialChoice, frozen=True, kw_only=True):
     may have any temperature from there to ``ambient``, by default that of a laboratory (ISO 554: 20, 23 or 27 °C).
     """
 
-    radius: Annotated[fields.Length, fields.POSITIVE]
-    mass: Annotated[fields.Mass, fields.POSITIVE]
-    homogeneous: bool = False
-    ambient: fields.Temperature = Quantity(23.0, 2.0, "degC")
+    radius: Annotated[fields.Length, fields.POSITIVE]  #: radius of the sphere
+    mass: Annotated[fields.Mass, fields.POSITIVE]  #: mass of all that moves, sphere and holder
+    homogeneous: bool = False  #: warmed or cooled through
+    ambient: fields.Temperature = Quantity(23.0, 2.0, "degC")  #: temperature of the room
 
     @property
     def inside(self) -> Quantity | None:
@@ -118,8 +118,8 @@ class Sphere(MaterialChoice, frozen=True, kw_only=True):
 class CounterBody(Table, frozen=True, kw_only=True):
     """The elastic flat under a sphere: Young's modulus and Poisson's ratio."""
 
-    E: Annotated[fields.Modulus, fields.POSITIVE]
-    nu: Annotated[float, fields.Range(at_least=0.0, at_most=0.5)]
+    E: Annotated[fields.Modulus, fields.POSITIVE]  #: Young's modulus
+    nu: Annotated[float, fields.Range(at_least=0.0, at_most=0.5)]  #: Poisson's ratio
 
 
 Flat = Annotated[
@@ -137,12 +137,12 @@ class Keyence(Table, frozen=True, kw_only=True):
     Contradictions to the file are refused. ``columns`` names those of a recorder's table.
     """
 
-    cycle: Annotated[fields.Time, fields.POSITIVE] | None = None
-    storage_factor: Annotated[int, fields.Range(at_least=1)] | None = None
-    units: list[str] | None = None
-    encoding: str | None = None
-    decimal: Literal[".", ","] | None = None
-    columns: Columns | None = None
+    cycle: Annotated[fields.Time, fields.POSITIVE] | None = None  #: time between samples
+    storage_factor: Annotated[int, fields.Range(at_least=1)] | None = None  #: samples per stored point
+    units: list[str] | None = None  #: unit of each output
+    encoding: str | None = None  #: codec of the text, such as cp932
+    decimal: Literal[".", ","] | None = None  #: decimal sign of the file
+    columns: Columns | None = None  #: columns of a recorder's table
 
 
 class Sensor(Table, frozen=True, kw_only=True):
@@ -152,17 +152,17 @@ class Sensor(Table, frozen=True, kw_only=True):
     ``serial`` is the sensor in use; a calibration record of another one is refused.
     """
 
-    output: str = "out1"
-    direction: Literal[1, -1] = 1
-    serial: str | None = None
+    output: str = "out1"  #: output that sees the holder
+    direction: Literal[1, -1] = 1  #: 1: the reading grows as the holder moves up; −1: it falls
+    serial: str | None = None  #: serial number of the sensor
 
 
 class Plate(Table, frozen=True, kw_only=True):
     """The plate under the sphere as a damped oscillator, when it is to be part of the model."""
 
-    mass: Annotated[fields.Mass, fields.POSITIVE]
-    frequency: Annotated[fields.Frequency, fields.POSITIVE]
-    damping_ratio: Annotated[fields.Dimensionless, fields.Range(at_least=0.0, below=1.0)]
+    mass: Annotated[fields.Mass, fields.POSITIVE]  #: modal mass
+    frequency: Annotated[fields.Frequency, fields.POSITIVE]  #: natural frequency
+    damping_ratio: Annotated[fields.Dimensionless, fields.Range(at_least=0.0, below=1.0)]  #: share of critical damping
 
 
 def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
@@ -179,7 +179,7 @@ class DropModel(Table, frozen=True, kw_only=True):
     ``gravity`` is that of the place; it sets the impact speed.
     """
 
-    solver: Literal["mdr", "rings"] = "mdr"
-    profile: Literal["parabola", "sphere"] = "parabola"
-    rtol: Annotated[float, fields.Range(above=0.0, at_most=1e-2)] = 1e-4
-    gravity: Annotated[fields.Acceleration, fields.POSITIVE] = Quantity(9.81, 0.0, "m/s2")
+    solver: Literal["mdr", "rings"] = "mdr"  #: springs (mdr) or ring elements
+    profile: Literal["parabola", "sphere"] = "parabola"  #: shape of the gap
+    rtol: Annotated[float, fields.Range(above=0.0, at_most=1e-2)] = 1e-4  #: of restitution and peak force
+    gravity: Annotated[fields.Acceleration, fields.POSITIVE] = Quantity(9.81, 0.0, "m/s2")  #: that of the place

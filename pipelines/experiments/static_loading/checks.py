@@ -17,7 +17,7 @@ from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
-from pipelines.experiments.static_loading.load_steps import SIDE, clear_steps, creep_design, creep_fit, settled, valid
+from pipelines.experiments.static_loading.measured import SIDE, clear_steps, creep_design, creep_fit, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 MATERIAL = "approach against the material"
@@ -48,6 +48,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     readings, displacement = given.get("readings"), given.get("displacement")
     failed = judgements.failed_steps(context, _FAILED)
     checks = [record_checks.placed(check, settings.calibration, settings.laser) for check in failed]
+    checks = [_mistimed(check, displacement, settings) for check in checks]
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
         checks.append(not_made("readings", "readings of a length"))
@@ -67,6 +68,19 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     } | inputs_of(given.get("model"))
     known_by = judgements.measured_by(settings.sphere)
     return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
+
+
+def _mistimed(failed: Check, displacement: xr.Dataset | None, settings: StaticLoading) -> Check:
+    """Give steps that were not found the one load whose time is wrong, where as many are seen as stated."""
+    times = [np.nan if load.time is None else load.time.value for load in settings.loads[1:]]
+    at = np.empty(0) if displacement is None else clear_steps(displacement)[0]
+    off = np.flatnonzero(np.abs(at - times) > settings.steps.search.value) if at.size == len(times) else at
+    if failed.name != "step steps" or off.size != 1:
+        return failed
+    i = int(off[0])
+    right, given = (quantity(each, "s", 4) for each in (at[i], times[i]))
+    cause = f"the time of load {i + 2} is probably {right}, not {given}: all others fit the record"
+    return replace(failed, cause=cause, file="", setting=f"loads[{i + 1}].time")
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -90,10 +104,10 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
 
 
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
-    """Compare the residual of one creep law and one zero for all loads with the noise."""
+    """Compare the residual of one creep law and one zero for all loads with the noise, and say what explains it."""
     noise, scatter = float(steps["noise"]), float(steps["scatter"])
     time, moved = valid(displacement)
-    count = int(settled(time, steps, settings).sum())
+    used = np.flatnonzero(settled(time, steps, settings))
     # left of each approach by stated uncertainties of loads and zero
     depth = np.interp(steps["end"].values, time, moved) - float(steps["touch"])
     by_loads = 2 / 3 * float(np.max(depth * steps["u_force"].values / steps["force"].values))
@@ -101,18 +115,11 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     text = f"{settings.laser}: the best creep fit for these loads leaves {quantity(scatter, 'm')}, the noise of a "
     text += f"reading is {quantity(noise, 'm')}"
     # both are estimates from the same readings; that of the noise has half of their freedom
-    u, name = noise * sqrt(1.5 / count), "record against its loads"
+    u, name = noise * sqrt(1.5 / used.size), "record against its loads"
     check = compared(name, text, scatter, u, noise, 0.0, allowance=allowance, factor=False, file=settings.laser)
     if check.level is None or scatter < noise:
         return replace(check, level=None)
-    cause, setting = _likeliest(displacement, steps, settings)
-    return replace(check, cause=cause, file="" if setting else settings.laser, setting=setting)
-
-
-def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> tuple[str, str]:
-    """Return the load, or the drift under one load, that explains most of the misfit, and its setting."""
-    time, moved = valid(displacement)
-    used = np.flatnonzero(settled(time, steps, settings))
+    # the load, or the drift under one load, that explains most of the misfit
     used = used[:: max(used.size // _ROWS, 1)]
     elapsed, force, radius = time[used], steps["force"].values, settings.sphere.radius.value
     depth = np.maximum(moved[used] - float(steps["touch"]), 1e-9)
@@ -131,15 +138,14 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
     best = int(np.argmax(explained))
     i = best % force.size
     load = settings.loads[i].mass.value
-    if explained[best] < 1.0 - _LEFT:
-        return "a load, a time or the zero is wrong, or something other than the contact moved", ""
-    if best == i:
-        said = (
-            f"load {i + 1} is probably about {load * (1.0 - errors[best]):.2g} kg, not {load:g} kg: all others fit the "
-        )
-        return f"{said}record then (loads in session.toml)", f"loads[{i}].mass"
-    said = f"the readings probably drifted by {quantity(-float(errors[best]), 'm')} while load {i + 1} ({load:g} kg) "
-    return f"{said}was held: the temperature changed, or the stand settled", ""
+    said, setting = "a load, a time or the zero is wrong, or something other than the contact moved", ""
+    if explained[best] >= 1.0 - _LEFT and best == i:
+        said = f"load {i + 1} is probably about {load * (1.0 - errors[best]):.2g} kg, not {load:g} kg: all others fit "
+        said, setting = f"{said}the record then (loads in session.toml)", f"loads[{i}].mass"
+    elif explained[best] >= 1.0 - _LEFT:
+        said = f"the readings probably drifted by {quantity(-float(errors[best]), 'm')} while load {i + 1} ({load:g} "
+        said += "kg) was held: the temperature changed, or the stand settled"
+    return replace(check, cause=said, file="" if setting else settings.laser, setting=setting)
 
 
 def _of_material(settings: StaticLoading, approach: xr.Dataset, model: xr.Dataset) -> Check:

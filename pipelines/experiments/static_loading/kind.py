@@ -12,7 +12,7 @@ _STAGES = (
         "correct the inclination, with uncertainty",
     ),
     stage(
-        "static_loading.load_steps:steps",
+        "static_loading.measured:steps",
         "displacement",
         "loads sphere.radius steps model.gravity",
         "find load times and first touch; creep compliance",

@@ -17,8 +17,7 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
-from pipelines.experiments.static_loading.load_steps import valid
-from pipelines.experiments.static_loading.measured import spans
+from pipelines.experiments.static_loading.measured import spans, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _STEP_POINTS = 80  # of the simulation in one load step, evenly in the logarithm of time
@@ -83,12 +82,7 @@ def model(
     elapsed = compliance(solid, steps["elapsed"].values)
     table["compliance"] = variable("elapsed", elapsed, "1/Pa", "reduced creep compliance of sphere and disc")
     table["slope"] = variable(("uncertain", "time"), slope, "1", "relative change of the contact radius with an input")
+    coords = {"time": variable("time", time, "s", "time from the first point")}
+    result = table_of(inputs).assign(table).assign_coords(coords | {name: steps[name] for name in ("load", "elapsed")})
     budget = json.dumps(uncertainty.budget_rows(sources))
-    return (
-        table_of(inputs)
-        .assign(table)
-        .assign_coords(
-            time=variable("time", time, "s", "time from the first point"), load=steps["load"], elapsed=steps["elapsed"]
-        )
-        .assign_attrs(reference=reference, work=made.attrs["work"], budget=budget)
-    )  # reference: of Hertz's steps
+    return result.assign_attrs(reference=reference, work=made.attrs["work"], budget=budget)  # reference: of Hertz

@@ -18,14 +18,14 @@ class Load(Table, frozen=True, kw_only=True):
     searched for the step.
     """
 
-    mass: Annotated[Mass, POSITIVE]
-    time: Annotated[Time, NOT_NEGATIVE] | None = None
+    mass: Annotated[Mass, POSITIVE]  #: all that rests on the disc, holder included
+    time: Annotated[Time, NOT_NEGATIVE] | None = None  #: when it was put on, from the first point
 
 
 class Ball(MaterialChoice, frozen=True, kw_only=True):
     """The sphere; its material, and its radius."""
 
-    radius: Annotated[Length, POSITIVE]
+    radius: Annotated[Length, POSITIVE]  #: radius of the sphere
 
 
 class Steps(Table, frozen=True, kw_only=True):
@@ -45,8 +45,8 @@ class Steps(Table, frozen=True, kw_only=True):
 class StaticModel(Table, frozen=True, kw_only=True):
     """How the loading is simulated: the gap's shape, gravity at the place."""
 
-    profile: Literal["parabola", "sphere"] = "parabola"
-    gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")
+    profile: Literal["parabola", "sphere"] = "parabola"  #: shape of the gap
+    gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")  #: that of the place
 
 
 class StaticLoading(Recorded, frozen=True, kw_only=True):
@@ -57,16 +57,16 @@ class StaticLoading(Recorded, frozen=True, kw_only=True):
     """
 
     kind: Literal["static_loading"]
-    laser: File
-    calibration: File
-    sphere: Ball
-    counter_body: Flat = "sapphire"
-    loads: Annotated[list[Load], msgspec.Meta(min_length=2)]
-    measured_on: date | None = None
-    keyence: Keyence = Keyence()
-    sensor: Sensor = Sensor()
-    steps: Steps = Steps()
-    model: StaticModel = StaticModel()
+    laser: File  #: the recording
+    calibration: File  #: calibration record of the laser
+    sphere: Ball  #: the loaded body
+    counter_body: Flat = "sapphire"  #: the disc
+    loads: Annotated[list[Load], msgspec.Meta(min_length=2)]  #: the loads in their order
+    measured_on: date | None = None  #: day of the measurement
+    keyence: Keyence = Keyence()  #: what the laser's file lacks
+    sensor: Sensor = Sensor()  #: output and direction of the laser
+    steps: Steps = Steps()  #: which readings count
+    model: StaticModel = StaticModel()  #: the simulation
 
     def __post_init__(self) -> None:
         """Refuse loads that fall, and times that run backwards."""

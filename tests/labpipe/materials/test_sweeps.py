@@ -53,14 +53,19 @@ def test_repr_verdict_and_law_are_those_of_the_report(readings):
         curve = lp.master_curve(readings, T_ref="25 °C", nu=0.35)
     assert 4.5e9 < curve.prony.E_unrelaxed < 5.0e9
     assert curve.prony.nu == 0.35
-    assert curve.law.chi_square > 100 * curve.law.freedom
-    assert not curve.law.holds
+    assert curve.nearest_law.chi_square > 100 * curve.nearest_law.freedom
+    assert curve.law is None
     assert "superposition: pass, no law holds (free shifts)" in repr(curve)
 
 
-def test_a_mode_that_contradicts_the_headings_is_warned_of(readings):
-    with pytest.warns(UserWarning, match='mode = "tension", but the readings have a column "Shear Strain"'):
-        lp.master_curve(readings, nu=0.35, mode="tension", vertical="none", delay=False)
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"nu": 0.35, "mode": "tension"}, 'mode = "tension", but the readings have a column "Shear Strain"'),
+     ({"nu": "0.35 ± 0.02"}, 'nu: "0.35 ± 0.02" states an uncertainty')],
+)  # fmt: skip
+def test_a_mode_that_contradicts_the_headings_and_an_uncertain_ratio_are_refused(readings, arguments, message):
+    with pytest.raises(InputError, match=message):
+        lp.master_curve(readings, **arguments)
 
 
 @pytest.mark.parametrize(("name", "units"), [("relaxation_modulus", "Pa"), ("creep_compliance", "1/Pa")])

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -82,6 +84,35 @@ def test_coarse_quantisation_sets_the_noise(bouncing, measure):
     assert result.attrs["quantisation"] == pytest.approx(1e-6, rel=1e-3)
     assert result.attrs["noise"] >= 0.99e-6 / np.sqrt(12)
     assert rms(result.values - true_speed) < 0.5e-3  # measured 0.29e-3
+
+
+def test_rounding_of_readings_does_not_move_the_velocity(bouncing, measure, displacement_of):
+    record, *_ = measure(bouncing(**ON_A_PLATE), 20e3, 0.2e-6)
+    rounded = record.values * (1.0 + 2e-16 * np.random.default_rng(0).integers(-1, 2, record.size))
+    found, other = velocity(record), velocity(displacement_of(record.time.values, rounded))
+    assert (np.abs(found - other) < 1e-6 * found.u_velocity).all()  # measured 2e-8
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-6, 1e-12])
+def test_u_covers_the_rounding_of_a_rigid_spline(displacement_of, noise):
+    # A fall of 5e3, 5e6 and 5e12 times the noise: measured 1.0, 0.7 and 2e-4.
+    time, squares = np.arange(5000) / 5000, []
+    for seed in range(6):
+        values = -4.905 * time**2 + noise * np.random.default_rng(seed).standard_normal(time.size)
+        found = velocity(displacement_of(time, values))
+        squares.append(np.mean(((found.values + 9.81 * time) / found.u_velocity.values) ** 2))
+    assert np.sqrt(np.mean(squares)) < 1.3
+
+
+def test_coefficients_follow_the_motion_and_not_the_number_of_samples(bouncing, measure, displacement_of):
+    noise, work = 1e-6 * np.random.default_rng(0).standard_normal(25_000), []
+    rests = [displacement_of(np.arange(count) / 50e3, noise[:count]) for count in (1000, 25_000)]
+    for record in (*rests, measure(bouncing(**ACRYLIC), 50e3, 1e-6)[0]):
+        work.append(json.loads(velocity(record).attrs["work"]))
+    assert [each["samples"] for each in work] == [1000, 25_000, 25_000]
+    assert max(each["coefficients"] for each in work[:2]) <= 16  # ten intervals, and the degree
+    assert 200 < work[2]["coefficients"] < 25_000 / 10
+    assert max(each["band_solves"] for each in work) <= 11
 
 
 def test_declared_release_lets_the_acceleration_jump(displacement_of):

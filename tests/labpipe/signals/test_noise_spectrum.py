@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._noise_spectrum import excess_of_rate
-from labpipe.signals._smoothing_spline import evaluate, smooth
+from labpipe.signals._noise_spectrum import u_of_rate
+from labpipe.signals._smoothing_spline import smooth
 
 _INTERVAL = 5e-5
 
@@ -24,9 +24,9 @@ def test_rate_of_a_spline_is_uncertain_by_noise_of_any_spectrum(corner, hum):
     for seed in range(12):
         noise = flicker(np.random.default_rng(seed), 4 * time.size, 1.0, corner)[: time.size]
         values = fallen + noise + hum * np.sin(2 * np.pi * 50.0 * time + seed)
-        level, rate = evaluate(smooth(time, values, 1.0), time, 0, 1)
-        u = np.hypot(rate[1], excess_of_rate(values, 1.0, level[1], rate))
-        off = (rate[0] + 9.8e6 * np.maximum(time - 0.1, 0.0)) / u
+        (_, rate), (u_level, u_rate) = smooth(time, values, 1.0, 1)[:2]
+        u = u_of_rate(values, 1.0, u_level, (rate, u_rate))
+        off = (rate + 9.8e6 * np.maximum(time - 0.1, 0.0)) / u
         z.append(off[np.abs(time - 0.1) > 2e-3])
     z = np.concatenate(z)
     assert np.mean(np.abs(z) < 1.96) > 0.92

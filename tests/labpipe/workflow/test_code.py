@@ -79,8 +79,8 @@ def test_a_plug_in_that_reads_files_counts_for_everything(monkeypatch: pytest.Mo
 
 
 def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:
-    code.behind(DROP)
-    code.refuse_changed()
+    known = code.behind(DROP)
+    code.refuse_changed(DROP, known)
     (toys / "toys/kinds/drop/steps.py").write_text("a = 2\n")
     with pytest.raises(InstallationError, match="was changed while this program ran"):
-        code.refuse_changed()
+        code.refuse_changed(DROP, known)

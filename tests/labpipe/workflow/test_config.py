@@ -65,14 +65,14 @@ def test_units_become_si(tmp_path: Path) -> None:
 
 WRONG = {
     'length = "3 furlong"': 'expected a length .*, found "3 furlong"',
-    'length = "1e999 mm"': "expected a finite number",
+    'length = "1e999 mm"': "which is not finite",
     'angle = "atuo"': 'expected an angle .* or one of "auto", found "atuo"',
     'window = "2 s"': "must be > 0 and <= 1 s, found 2 s",
-    f"count = {10**300}": r"found a number of 301 digits",
+    f"count = {10**300}": r"found 10{59}…",
     'switch = "yes"': 'expected true or false, found "yes"',
-    "corners = [1, 2]": r"expected places, \[\[x, y\], \[x, y\]\], found \[1, 2\]: brackets are missing",
+    "corners = [1, 2]": r"corners.0.: expected a list of items, each a whole number, found 1",
     "files = ['../x']": r'contains "\.\."',
-    "files = ['data.csv', 'data.csv']": 'files.1.: "data.csv" is listed twice',
+    "files = ['data.csv', 'data.csv']": 'files no. 2: "data.csv" is listed twice',
     'pair = ["1 mm"]': "expected 2 items, found 1",
     "inner.raduis = 3": 'inner.raduis: unknown key; did you mean "radius"',
 }
@@ -123,5 +123,5 @@ TREES = st.recursive(LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dict
 @given(st.dictionaries(st.sampled_from(list(Everything.__struct_fields__)), TREES))
 def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
     document = config.Document(Path("c.toml"), tree, {(): 1})
-    found = config.Checker(document, Path("/nowhere")).structure(Everything, tree, ())
+    found = config.Checker(document, Path("/nowhere")).value(Everything, tree, ())
     assert isinstance(found, Everything) or document.problems

@@ -13,9 +13,7 @@ import pytest
 
 from labpipe.errors import UsageError
 from labpipe.workflow import provenance
-from labpipe.workflow.engines import Call, Died, choose, elsewhere, side_by_side
-
-DOUBLE = f"{__name__}:double"
+from labpipe.workflow.engines import Died, choose, elsewhere, side_by_side
 
 
 def double(number: int) -> int:
@@ -41,11 +39,11 @@ def naps(number: int, folder: Path) -> int:
 
 @pytest.mark.parametrize("jobs", [0, 2])
 def test_every_task_has_one_answer_and_an_error_is_raised(jobs: int) -> None:
-    found = list(side_by_side(choose(jobs), DOUBLE, {f"n{i}": (i,) for i in range(20)}))
+    found = list(side_by_side(choose(jobs), double, {f"n{i}": (i,) for i in range(20)}))
     assert len(found) == 20
     assert dict(found) == {f"n{i}": 2 * i for i in range(20)}
     with pytest.raises(ValueError, match="negative"):
-        dict(side_by_side(choose(jobs), DOUBLE, {0: (1,), 1: (-1,)}))
+        dict(side_by_side(choose(jobs), double, {0: (1,), 1: (-1,)}))
 
 
 def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
@@ -66,7 +64,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     killer.start()
     try:
         tasks = {i: (i, tmp_path) for i in range(amount(40, 400))}
-        found = list(side_by_side(choose(3), f"{__name__}:naps", tasks))
+        found = list(side_by_side(choose(3), naps, tasks))
     finally:
         done.set()
         killer.join()
@@ -76,10 +74,10 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
 
 def test_a_call_elsewhere_computes_with_one_thread_or_tells_of_its_death(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    assert elsewhere(Call(f"{__name__}:threads", ())) == "11"  # one thread for each library
+    assert elsewhere(threads) == "11"  # one thread for each library
     assert os.environ["OMP_NUM_THREADS"] == "7"
     with pytest.raises(Died, match="was the memory full"):
-        elsewhere(Call(f"{__name__}:deadly", ()))
+        elsewhere(deadly)
 
 
 @pytest.mark.slow
@@ -91,4 +89,4 @@ def test_a_cluster_of_another_installation_is_refused(monkeypatch: pytest.Monkey
     ) as cluster:
         monkeypatch.setattr(provenance, "program", lambda: here | {"python": "2.7"})
         with pytest.raises(UsageError, match=r"another installation \(python 3.* there, 2.7 here"):
-            dict(side_by_side(choose(0, cluster.scheduler_address), DOUBLE, {0: (1,)}))
+            dict(side_by_side(choose(0, cluster.scheduler_address), double, {0: (1,)}))

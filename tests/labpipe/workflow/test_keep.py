@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from labpipe.workflow import code
 from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage, TaskId
 from labpipe.workflow.plan import Plan, plan
@@ -140,8 +141,8 @@ def test_a_kept_result_is_marked_on_every_page_and_keeps_its_key(laboratory: Lab
     assert laboratory.page.endswith(f"3.0 6.0 kept ['read: {why}', 'double: {why}']")
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "cached"}
     assert made(keep=True).keys[read].value == before
-    assert set(made(keep=True).kept(double)) == {read, double}
-    assert made(keep=False).kept(double) == {}
+    assert {task for task, key in made(keep=True).of("a").keys.items() if key.kept} == {read, double}
+    assert not any(key.kept for key in made(keep=False).keys.values())
 
 
 def test_what_was_kept_is_read_by_others_until_the_code_changes_again(laboratory: Laboratory) -> None:
@@ -165,6 +166,16 @@ def test_a_syntax_error_fails_the_stages_that_reach_it(laboratory: Laboratory) -
     failed = {o.stage: o.message for o in run(laboratory.session, laboratory.stages, jobs=0).failures}
     assert "cannot be imported" in failed["read"]
     assert "helper.py, line 2" in failed["read"]
+
+
+def test_a_process_with_other_files_of_the_program_computes_nothing(
+    laboratory: Laboratory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laboratory.write(10)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(code, "behind", lambda name: {laboratory.name: "another"})
+        failed = {o.stage: o.message for o in run(laboratory.session, laboratory.stages, jobs=0).failures}
+    assert "or are others on this machine; start it again" in failed["read"]
 
 
 def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> None:

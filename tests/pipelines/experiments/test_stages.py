@@ -7,6 +7,7 @@ import pytest
 
 from labpipe.workflow.graph import OTHER, ordered
 from pipelines.experiments import JUDGEMENT, KINDS
+from pipelines.experiments.shared.reports import Report
 
 STAGES = [(kind, stage) for kind, entry in KINDS.items() for stage in entry.stages]
 IDS = [f"{kind}/{stage.name}" for kind, stage in STAGES]
@@ -22,9 +23,10 @@ def test_a_stage_s_function_takes_what_the_graph_hands_it(kind: str, stage: obje
     module, name = stage.function.split(":")
     function = getattr(importlib.import_module(module), name)
     parameters = inspect.signature(function).parameters
-    names = getattr(function, "inputs", [p.name for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD])
+    named = [JUDGEMENT, *function.shown] if isinstance(function, Report) else getattr(function, "inputs", None)
+    names = named or [p.name for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
     assert len(names) == len(stage.inputs)
-    if hasattr(function, "inputs"):  # it hands them on by these names
+    if named:  # it hands them on by these names
         ends = {given: (given, f"{OTHER}{given}/{JUDGEMENT}", f"{OTHER}laser_experiment/repeats") for given in names}
         sources = {"material_file": "file:sphere.material_file", "plate": f"{OTHER}plate_from/plate"}
         sources["fitted"] = f"{OTHER}sphere.material_from/master_curve"

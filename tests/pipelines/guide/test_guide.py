@@ -29,6 +29,7 @@ def test_every_field_of_every_kind_is_in_the_reference() -> None:
     assert ("inclination_from_height", "`false`") in shown
     assert not any("Quantity(" in cell for row in rows for cell in row)
     assert any(row[0].strip("| `") == "contact" and "prior knowledge" in row[1] for row in rows)
+    assert all(row[1].strip() for row in rows)
 
 
 def test_every_command_is_in_the_reference_one_level_below_its_parent() -> None:

@@ -60,7 +60,7 @@ def test_a_whole_recording_is_left_out_and_is_no_unused_file(session_copy: Path)
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ('{ file = "laser/drop_2.csv" }', "exclude[0].reason: missing; expected a reason"),
+        ('{ file = "laser/drop_2.csv" }', "exclude no. 1, reason: missing; expected a reason"),
         ('{ file = "laser/drop_3.csv", reason = "x" }', 'no recording "laser/drop_3.csv"; did you mean'),
         ('{ file = "laser/drop_2.csv", reason = "x", readings = ["9-3"] }', '"9-3" ends before it begins'),
     ],

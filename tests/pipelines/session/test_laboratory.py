@@ -28,6 +28,7 @@ laboratory = "../../laboratory.toml"
 kind = "ball_drop"
 height = "1.5 ± 0.005 mm"
 sphere = "A3"
+counter_body = "sapphire"
 
 [variants.heavy]
 base = "drop"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from labpipe.errors import InputError, UsageError
 from labpipe.workflow.store import Store
 from pipelines.commands import session as commands
 from pipelines.session import catalogue, compare, export, plan, process, report, result, verdict
@@ -127,6 +128,12 @@ def test_what_waits_has_an_entry_of_its_own_in_every_outlet(
     planned = CliRunner().invoke(commands.plan, [str(session_copy)]).output
     assert "1 experiment waits" in planned.splitlines()[0]
     assert "waiting: drop\n" in planned
+    others = CliRunner().invoke(commands.plan, [str(session_copy), "--only", "drop,nbr"]).output
+    assert "\nnbr (harmonic)" in others
+    with pytest.raises(InputError, match='"drop" waits for these lines'):
+        plan(session_copy, only="drop")
+    with pytest.raises(UsageError, match=r'no stage "nosuch"; there are .*, readings, '):
+        plan(session_copy, "nosuch")
     done = CliRunner().invoke(commands.process, [str(session_copy), "-j", "0", "--json"])
     assert done.exit_code == 1
     found = json.loads(done.output)["experiments"]

@@ -55,10 +55,21 @@ def test_every_gap_is_listed_and_its_experiment_waits_until_it_is_filled(pile: P
     assert set(open_session(pile).experiments) == {"acrylic_7mm", "punch_on_nbr"}
 
 
-def test_repeats_are_grouped_by_names_without_marks(pile: Path) -> None:
-    (pile / "acrylic 7mm rep2.csv").rename(pile / "Kopie (2) von acrylic 7mm_2 neu.csv")
-    tables = tomllib.loads(init(pile).path.read_text("utf-8"))["experiments"]
-    assert tables["acrylic_7mm"]["laser"] == ["Kopie (2) von acrylic 7mm_2 neu.csv", "acrylic 7mm rep1.csv"]
+def test_repeats_are_grouped_by_names_without_marks_and_their_fall_is_a_remark(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[3] / "sample_data"
+    for source, name in (
+        ("core/laser/acrylic_10mm_1.csv", "messung #1.csv"),
+        ("core/laser/acrylic_10mm_2.csv", "Kopie (2) von messung_2 neu.csv"),
+        ("thesis-small/laser/nylon_1p5mm_1.csv", "probe_3.csv"),
+        ("thesis-small/laser/ptfe_static.csv", "ptfe weights.csv"),
+    ):
+        shutil.copy(sample / source, tmp_path / name)
+    (tmp_path / "cut.csv").write_bytes((tmp_path / "probe_3.csv").read_bytes()[:20_000])
+    text = init(tmp_path).path.read_text("utf-8")
+    tables = tomllib.loads(text)["experiments"]
+    drops = {tuple(table["laser"]) for table in tables.values() if table["kind"] == "ball_drop"}
+    assert drops == {("Kopie (2) von messung_2 neu.csv", "messung #1.csv"), ("probe_3.csv",), ("cut.csv",)}
+    assert "the record shows about 1.5 mm along the line of sight" in text
 
 
 def test_a_template_waits_for_its_values_and_makes_no_mistake(tmp_path: Path) -> None:

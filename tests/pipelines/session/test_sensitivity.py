@@ -32,12 +32,12 @@ def test_budgets_give_back_what_the_results_report(processed_session: Path, foun
 
 def test_lag_of_the_filter_limits_the_work_and_the_advice_says_so(found) -> None:
     work = next(e for (name, what), e in found.items() if name == "nbr" and "work" in what)
-    assert work.advice.startswith("know filter lag")
+    assert work.advice.startswith("reduce the uncertainty of filter lag")
     assert work.indices["filter_lag"].total > 0.9
     table, below = answer([e for (name, _), e in found.items() if name == "nbr"])
     advice = {row[0]: row[-1] for row in table.rows}
-    assert advice["storage stiffness"].startswith("know filter lag")
-    assert advice["work per cycle"].startswith("know filter lag")
+    assert advice["storage stiffness"].startswith("reduce the uncertainty of filter lag")
+    assert advice["work per cycle"].startswith("reduce the uncertainty of filter lag")
     assert "agree within" in below.text
 
 
@@ -47,7 +47,7 @@ def test_advice_is_true() -> None:
 
     inputs = {"reading": Input(1.0, 1e-4), "inclination": Input(0.3, 2e-3), "noise": Input(0, 1e-4)}
     first = examined("a", Quantity("x", "m", along, inputs))
-    assert first.advice == "know inclination 2.2 times better"
+    assert first.advice == "reduce the uncertainty of inclination 2.2 times"
     better = inputs | {"inclination": Input(0.3, 2e-3 / 2.17)}
     second = examined("a", Quantity("x", "m", along, better))
     assert second.budget.u == pytest.approx(0.5 * first.budget.u, rel=0.01)

@@ -56,7 +56,7 @@ def test_a_recording_counts_once(session: Path) -> None:
         ('base = "drop"', 0, ": differs in no setting from drop"),
         ('kind = "dma"\nbase = "drop"', 1, ".kind: a variant is of the kind of its base"),
         ('base = "drop"\nheigth = "1 mm"', 2, '.heigth: unknown key; did you mean "height"?'),
-        ('base = "drop"\nlaser = [\n"laser/drop_1.csv",\n"a.csv"]', 4, ".laser[1]: there is no file"),
+        ('base = "drop"\nlaser = [\n"laser/drop_1.csv",\n"a.csv"]', 4, ".laser no. 2: there is no file"),
         ('base = "drop"\nsphere.material_file = "a.toml"', 2, ".sphere.material_file: there is no file"),
     ],
 )

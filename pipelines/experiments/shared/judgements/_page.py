@@ -9,18 +9,8 @@ from typing import Any
 import xarray as xr
 
 from labpipe.judging import DIFFERS, LIKELY, Check, Finding, Judgement, from_json, in_words
-from labpipe.report import (
-    Block,
-    Column,
-    Details,
-    Notice,
-    Paragraph,
-    Table,
-    difference_unit,
-    quantity,
-    shown_source,
-    value_with_uncertainty,
-)
+from labpipe.report import Block, Column, Details, Notice, Paragraph, Table, difference_unit, quantity, shown_source
+from labpipe.workflow.document import counted
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments.shared.comparison_rows import Row, told_freedom
 
@@ -68,21 +58,6 @@ def with_minus(text: str) -> str:
     'from −40.0 to −0.5 °C in drop-1.csv, 2024-05-14, where "-3" stands'
     """
     return _NEGATIVE.sub("\N{MINUS SIGN}", text)
-
-
-def counted_from_one(setting: str) -> str:
-    """Write the name of a setting as people count.
-
-    Examples
-    --------
-    >>> counted_from_one("drops[0].height"), counted_from_one("sphere.mass")
-    ('height of drops no. 1', 'sphere.mass')
-    """
-    listed = re.fullmatch(r"(\w+)\[(\d+)\](?:\.(.+))?", setting)
-    if listed is None:
-        return setting
-    item = f"{listed[1]} no. {int(listed[2]) + 1}"
-    return f"{listed[3]} of {item}" if listed[3] else item
 
 
 of_error = difference_unit
@@ -140,10 +115,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
 
 
 def _compared(row: Row, among: Sequence[Row]) -> str:
-    seen, expected = (
-        value_with_uncertainty(value or 0.0, u, row.unit) if u else quantity(value or 0.0, row.unit, 4)
-        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
-    )
+    seen, expected, _ = row.texts
     where = ", ".join(filter(None, (row.material, row.condition)))
     which = f" ({where})" * (bool(where) and sum(other.quantity == row.quantity for other in among) > 1)
     size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"
@@ -197,7 +169,7 @@ def written_place(finding: Finding) -> str:
     """Write where to look as a stored page does, which knows settings but not their lines."""
     if finding.line is not None or (finding.file and not finding.setting):
         return finding.place
-    return f"{finding.file or FILE_NAME}, {counted_from_one(finding.setting)}"
+    return f"{finding.file or FILE_NAME}, {counted(finding.setting)}"
 
 
 def noticed(result: xr.Dataset) -> str:

@@ -16,11 +16,10 @@ from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_la
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
+from labpipe.workflow.document import counted
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.judgements._page import counted_from_one
 
-_LARGE = 1 / 3  # of a stated value, beyond which its uncertainty is doubtful
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
     errors.NO_MATERIAL: "the name of the material is misspelt",
@@ -43,21 +42,20 @@ _OF_RUN = (
 )
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
-ANOTHER_VIEW = 3.0
+_ANOTHER_VIEW = 3.0
 """Factor in scale beyond which the record is of another view of the camera."""
-_TILTED = 0.94
-"""Factor by which a camera that is tilted by 20 degrees shortens lengths."""
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
-    """Compare the stated uncertainties of positive quantities with their values."""
+    """Compare the stated uncertainties of positive quantities with their values, lengths more strictly."""
     for setting, value, kind in every_setting(settings):
-        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+        is_positive = mark(kind, Range) == POSITIVE
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
-            text = f"{counted_from_one(setting)} is stated as {value_with_uncertainty(*value)}"
-            level: Level | None = "doubtful" if value.u > _LARGE * value.value else None
+            text = f"{counted(setting)} is stated as {value_with_uncertainty(*value)}"
+            share = 1 / 3 if value.si == "m" else 1 / 2
+            level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
-            yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
+            yield stated(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
@@ -130,7 +128,7 @@ def stated_wrongly(
     last digit.
     """
     relative = (given.u or usual_uncertainty(given)) / given.value if u is None else u
-    say = times_over(name, given.value, given.si, f"{counted_from_one(setting)} in session.toml")
+    say = times_over(name, given.value, given.si, f"{counted(setting)} in session.toml")
     return Cause(effects, say, SLIPS[usual], u=relative, setting=setting)
 
 
@@ -147,8 +145,7 @@ def wrong_scale(effects: Mapping[str, float], record: str, u: float = inf) -> Ca
     """Return the mistake that the scale of a camera's calibration record is wrong."""
 
     def say(factor: float) -> str:
-        why = ", of another view" if abs(log(factor)) > log(ANOTHER_VIEW) else ""
-        why = ", or the camera is tilted" if _TILTED < factor < 1.0 else why
+        why = ", of another view" if abs(log(factor)) > log(_ANOTHER_VIEW) else ""
         return wrong_lengths(f"the scale in {record} is wrong{why}")(factor)
 
     usual = SLIPS["length"] + SLIPS["gain"] + SLIPS["view"]

@@ -128,19 +128,15 @@ def test_an_export_without_a_sweep_is_refused():
         gather_sweeps(data, "tension", 0.3)
 
 
-def test_theglass_transition_lies_at_the_maximum_of_the_true_curve():
+def test_the_glass_transition_lies_at_the_maximum_of_the_true_curve():
     solid, T = SOLIDS["nylon"], np.arange(-40.0, 121.0, 2.0)
     fine = np.linspace(-40, 120, 8001)
     true = solid.modulus(np.ones(fine.size), fine)
     noise = np.random.default_rng(4)
     measured = solid.modulus(np.ones(T.size), T)
-    ramp = glass_transition.Ramp(
-        1.0,
-        T,
-        measured.real * np.exp(0.01 * noise.standard_normal(T.size)),
-        measured.imag * np.exp(0.02 * noise.standard_normal(T.size)),
-    )
-    found = glass_transition.transitions([ramp])
+    storage = measured.real * np.exp(0.01 * noise.standard_normal(T.size))
+    loss = measured.imag * np.exp(0.02 * noise.standard_normal(T.size))
+    found = glass_transition.transitions([(1.0, np.array([T, storage, loss]))])
     peak = fine[np.argmax(true.imag / true.real)]
     assert abs(float(found.T_peak[0]) - peak) < max(3 * float(found.u_T_peak[0]), 2.0)
 
@@ -148,7 +144,7 @@ def test_theglass_transition_lies_at_the_maximum_of_the_true_curve():
 def test_no_transition_is_said_where_there_is_none(ptfe):
     solid, T = SOLIDS["peek"], np.arange(-40.0, 121.0, 2.0)
     measured = solid.modulus(np.ones(T.size), T)
-    found = glass_transition.transitions([glass_transition.Ramp(1.0, T, measured.real, measured.imag)])
+    found = glass_transition.transitions([(1.0, np.array([T, measured.real, measured.imag]))])
     assert np.isnan(found.T_peak).all()
     assert "falls by a factor of" in json.loads(found.attrs["reasons"])[0]
     kept = ptfe[0].isel(sample=slice(0, 0)).assign_attrs(tests="[]")

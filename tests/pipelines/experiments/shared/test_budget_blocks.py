@@ -1,6 +1,9 @@
+from types import SimpleNamespace
+
 from labpipe.uncertainty import Input
-from pipelines.experiments.shared.budget_blocks import section
+from pipelines.experiments.shared.budget_blocks import budgets
 from pipelines.experiments.shared.budget_quantity import Quantity
+from pipelines.experiments.shared.given import Given
 
 
 def total(mean: float, repeats: float) -> float:
@@ -9,8 +12,8 @@ def total(mean: float, repeats: float) -> float:
 
 def test_repeats_show_with_students_factor_and_both_ways_of_propagation() -> None:
     inputs = {"mean": Input(1.0, 0.0, "m"), "repeats": Input(0.0, 0.01, "m", 4)}
-    (made,) = section("drop", [Quantity("height", "m", total, inputs)])
+    made = budgets(lambda: [Quantity("height", "m", total, inputs)])(Given(), SimpleNamespace(experiment="drop"))
     (row,) = made.blocks[0].rows
     assert row[0] == "height"
     assert abs(row[3] - 2.776) < 0.001  # Student's quantile of four degrees of freedom
-    assert row[4:7] == ("4", "agree", "repeats, 100 %")
+    assert row[4:7] == ("4.00", "agree", "repeats, 100 %")

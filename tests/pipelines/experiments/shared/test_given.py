@@ -10,7 +10,7 @@ from pipelines.experiments import KINDS, function
 @pytest.mark.parametrize("name", KINDS)
 def test_sections_of_a_page_name_what_the_page_is_given(name: str) -> None:
     report = function(next(stage.function for stage in KINDS[name].stages if stage.output == "page"))
-    known = {"settings", "context", "given", *report.inputs}
+    known = {"settings", "context", "given", *report.shown}
     asked = [*report.sections, *filter(None, (report.rows,))]
     assert [each for each in asked if not set(inspect.signature(each).parameters) <= known] == []
 

@@ -16,7 +16,7 @@ from labpipe.errors import ConfigError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import quantity
-from pipelines.experiments.static_loading import comparison, load_steps, measured as static_loading, model
+from pipelines.experiments.static_loading import comparison, measured as static_loading, model
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from pipelines.session import open_session, process, result
@@ -145,12 +145,12 @@ def test_times_need_not_be_given_and_one_half_a_minute_off_is_told(session: Path
     """2.55 min may mean two minutes and 55 s."""
     chosen, moved = settings(session), stage(session, "displacement")
     loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
-    found = load_steps.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
+    found = static_loading.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
     np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
     loads = list(chosen.loads)
     loads[2] = msgspec.structs.replace(loads[2], time=quantity("1145 s"))
     with pytest.warns(UserWarning, match=r"3.5 kg: 109\d s, given 1145 s"):
-        load_steps.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
+        static_loading.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
 
 
 @pytest.mark.parametrize(
