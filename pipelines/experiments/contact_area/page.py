@@ -150,7 +150,9 @@ def _over_time(
         "standard uncertainty."
     )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
-    charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
+    charts: list[Block] = [
+        LineChart(*labels, tuple(curves), group=_GROUP, views=views, opens_on_view=True, caption=caption)
+    ]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts += _around(comparison, model)
         charts += pages.limits_of(model)

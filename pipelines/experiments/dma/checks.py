@@ -298,7 +298,7 @@ def _temperatures(export: Export) -> Iterator[Check]:
     name, file, T, reference = "temperatures", export.name, export.values("temperature"), export.settings.T_ref
     low, high, sweeps = float(T.min()), float(T.max()), np.array([one.attrs["temperature"] for one in export.sweeps])
     message, cause = f"{file}: temperatures from {low:.1f} to {high:.1f} °C", "temperatures have another unit (K, °F)"
-    message += "" if reference is None else f", T_ref is {reference.value:g} °C"
+    message += "" if reference is None else f", T_ref is {reference.value:.4g} °C"
     is_far = reference is not None and not low - 30 <= reference.value <= high + 30
     as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
     level: Level | None = "doubtful" if is_far or low < -200.0 or high > 400.0 else None

@@ -68,7 +68,7 @@ def _summary(
         remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
         rows += [
-            ("reference temperature", with_minus(f"{float(curve['T_ref']):.1f} °C"), ""),
+            ("reference temperature", with_minus(f"{float(curve['T_ref']):.4g} °C"), ""),
             ("covered frequencies", " to ".join(number(float(frequency[i]), 2) for i in (0, -1)) + " Hz", decades),
             _end(curve, "relaxed"),
             _end(curve, "unrelaxed"),
@@ -195,6 +195,8 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
     """Write the parameters of a law, and how well it describes the shifts."""
 
     def shown(name: str, scale: float = 1.0) -> str:
+        if not ShiftLaw.of(law).holds:  # an uncertainty would claim that it does
+            return number(law[name] / scale, 3)
         return value_with_uncertainty(law[name] / scale, (law[f"u_{name}"] or 0.0) / scale)
 
     text = "WLF, a straight line over temperature"
@@ -204,7 +206,7 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
         text = f"WLF, C₁ = {shown('C1')}, C₂ = {shown('C2')} K"
     if not law["freedom"] or not law["chi_square"]:
         return text, ""
-    fits = f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
+    fits = f"χ² / degrees of freedom = {number(law['chi_square'] / law['freedom'], 3)}"
     return text, fits if ShiftLaw.of(law).holds else f"{fits}: does not hold"
 
 

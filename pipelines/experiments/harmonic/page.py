@@ -138,9 +138,10 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
         *([pages.plain(loops, "contact_loss", "contact lost / %", 100)] if loops is not None else []),
     )
     caption = (
-        f"τ₀ = {number(float(theory['characteristic_time']), 3)} s, E the relaxed modulus (E λ R d = "
-        f"{float(theory['work_scale']):.4g} J). Contact is lost where the mean loop's force does not exceed twice its "
-        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front (2.34)."
+        f"f: frequency; τ₀ = {number(float(theory['characteristic_time']), 3)} s (thesis eq. 2.38); α: amplitude; R: "
+        "tip radius; W: work per cycle; E: relaxed modulus; λ: period; d: length of the contact; E λ R d = "
+        f"{float(theory['work_scale']):.4g} J. Contact is lost where the mean loop's force does not exceed twice its "
+        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front (thesis eq. 2.34)."
     )
     return Section("Dissipation and detachment", (listed(columns, caption),))
 

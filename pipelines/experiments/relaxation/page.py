@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed
+from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed, quantity
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.measured import samples
@@ -35,6 +35,10 @@ def _details(
     ):
         if tests is not None and name in tests and np.isfinite(float(tests[name])) and not rows:
             rows.append((title, pages.told(tests, name), remark))
+    if ramps:
+        begin, end, last = (float(ramps[0][name][0]) for name in ("begin", "end", "last"))
+        until = quantity(np.sqrt((end - begin) * (last - end)), "s", 2)
+        rows.append(("parts of the hold", "early, late", f"up to {until} after the ramp, and from then on"))
     lost = {str(ramp.attrs["contact"]) for ramp in ramps or () if not np.isfinite(float(ramp["contact_position"]))}
     return [*rows, *(("first touch", "not found", reason) for reason in sorted(lost)), *without_model(settings)]
 

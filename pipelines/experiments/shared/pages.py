@@ -272,7 +272,8 @@ def recordings(settings: Any, context: Context, readings: Any = None, displaceme
     rows = [("recordings", str(len(files)), files[0] if len(files) == 1 else "")]
     if read:
         first = read[0].attrs
-        rate = value_with_uncertainty(1 / float(first["sampling_interval"]), 0.0, "Hz")
+        every = float(first["sampling_interval"])
+        rate = value_with_uncertainty(1 / every, 0.0, "Hz") if every < 1.0 else f"every {every:g} s"
         layout = "layout of the file assumed, as none is public" * (first.get("layout") == "assumed")
         model = ", ".join(filter(None, (str(first.get("model", "")), layout)))
         rows.append(("instrument", str(first.get("instrument", "")), model))

@@ -47,7 +47,7 @@ COMMON: Titles = {
         ("uncertainty of", "mass of the falling body"),
     ),
     STEPS: Title(
-        "Every processing step and every experiment that is referred to gave a valid result.", ("step", "basis")
+        "Every processing step and every experiment that is referred to gave a valid result.", ("step", "input from")
     ),
 }
 """Checks of every kind."""
