@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from labpipe import files
-from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError
+from labpipe.errors import MISSING, NO_INPUT, InputError, LabpipeError, SourceError, StageError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
@@ -156,7 +156,7 @@ class Job:
         stage, store = task.stage, self.store
         is_page, page = stage.output == "page", self.plan.session.folder / page_name(task.id.experiment)
         if key.problem:
-            raise InputError(key.problem)
+            raise InputError(key.problem).because(MISSING if key.problem.startswith(MISSING) else "")
         if state == "damaged":
             store.quarantine(key.value or "")
         elif state == "unpublished":

@@ -181,8 +181,8 @@ def describe(kind: Any) -> str:
     if origin in (Union, types.UnionType):
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):
-        inner = describe(arguments[0])
-        return "the names of files, in brackets" if inner == _FILE else f"a list in brackets, of which each is {inner}"
+        is_of_files = mark(arguments[0], FileMark) is not None
+        return "names of files, in brackets" if is_of_files else f"a list in brackets, each {describe(arguments[0])}"
     return _WORDS.get(bare, "a table")
 
 

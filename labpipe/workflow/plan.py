@@ -13,14 +13,14 @@ from typing import Any
 import msgspec
 
 from labpipe import files
-from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.errors import MISSING, InputError, SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.code import behind
-from labpipe.workflow.exclusions import EXCLUDE
+from labpipe.workflow.exclusions import EXCLUDE, files_of
 from labpipe.workflow.fields import suggest
 from labpipe.workflow.graph import Stage, Stages, Task, TaskId, ends, lineage, spell_out
-from labpipe.workflow.session import Session
+from labpipe.workflow.session import FILE_NAME, Session
 from labpipe.workflow.store import Last, Store, key_of, last_seconds
 
 CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
@@ -236,6 +236,9 @@ def _key(
                 entry["files"] = [describe_file(session.files, n, store.index) for n in argument.files]
         except SourceError as error:
             problem = str(error).replace(f"{session.files}/", "")
+            lost = next((name for name in argument.files if not (session.files / name).exists()), None)
+            line = next((experiment.lines.get(at) for at, name in files_of(experiment.settings) if name == lost), None)
+            problem = f"{MISSING}: {lost} ({FILE_NAME}:{line})" if lost else problem
         inputs.append(entry)
     ingredients: dict[str, Any] = {
         **options,

@@ -182,15 +182,14 @@ def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[st
     records = frame.astype(object).where(frame.notna(), None).to_dict("records")
     rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
     document = {"database": done.path, **members(done, "page", "renewed", "unchanged", "problems")}
-    shown = frame
     if not columns and options["table"] == "experiments":
-        keys = (key.title.replace(" ", "_") for kind in KINDS.values() for key in kind.key_numbers)
-        usual = ("session", "experiment", "kind", "state", "believable", "model", "material", "height", *keys)
-        shown = frame[[name for name in dict.fromkeys(usual) if name in frame and frame[name].notna().any()]]
-    shown = shown.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
-    style: dict[str, Any] = (
-        {} if columns else {"max_colwidth": _LONGEST, "line_width": shutil.get_terminal_size().columns}
-    )
+        keys = tuple(key.title.replace(" ", "_") for kind in KINDS.values() for key in kind.key_numbers)
+        usual = ["session", "experiment", "kind", "state", "believable", "model", "material", "height"]
+        usual += [name for name in map(str, frame) if name.startswith(keys)]  # some end with a frequency
+        frame = frame[[name for name in usual if name in frame and frame[name].notna().any()]]
+    shown = frame.rename(columns={name: f"{name} [{u}]" for name, u in units.items()}).astype(object)
+    width = shutil.get_terminal_size().columns
+    style: dict[str, Any] = {} if columns else {"max_colwidth": _LONGEST, "line_width": width}
     text = shown.where(shown.notna(), "").to_string(index=False, float_format="{:.5g}".format, **style)
     lines = text.splitlines() if len(frame) else []
     counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged"

@@ -236,7 +236,7 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
         more = f"; and {len(grave) - _SHOWN} more on its page" if len(grave) > _SHOWN else ""
         said = "; ".join(grave[:_SHOWN]) + more
         model = f", model: {one.model}" if one.model != "none" else ""
-        yield f"{one.experiment}: believable: {one.believable}{model}{said and f' ({said})'}"
+        yield f"{one.experiment}: believable: {one.believable}{said and f' ({said})'}{model}"
         if (known := outcome.session.variants.get(one.experiment)) is not None:
             yield f"  variant of {known.base}: {', '.join(known.changed)}"
         yield from (f"  excluded: {text}" for text in left_out.get(one.experiment, ()))

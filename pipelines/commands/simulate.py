@@ -21,7 +21,7 @@ _Rows = list[tuple[str, Any, str]]
 _Panels = list[tuple[Any, Any, str, str]]
 """Values along both axes and their labels."""
 _Simulated = tuple["xr.Dataset", _Rows, _Panels]
-_WIDTH = 34
+_WIDTH, _SHOWN = 34, 5
 
 
 def value_option(name: str, unit: str, text: str, **more: Any) -> Callable[[F], F]:
@@ -111,9 +111,8 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     of_first = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
     rows: _Rows = [("impacts", n, "")]
     rows += [(f"first {_said(name)}", float(found[name][0]), _unit(found[name])) for name in of_first if n]
-    if n:
-        rows.append(("impact times", [round(float(t), 9) for t in found["impact_time"].values], "s"))
-        rows.append(("restitutions", [round(float(e), 6) for e in found["restitution"].values], ""))
+    lists = (("impact times", "impact_time", 9, "s"), ("restitutions", "restitution", 6, ""))
+    rows += [(name, found[of].values.round(digits).tolist(), unit) for name, of, digits, unit in lists if n]
     if "rigid_restitution" in found:
         rows.append(("first restitution on a rigid flat", float(found["rigid_restitution"]), ""))
     energies = [f"{name}_energy" for name in ("kinetic", "potential", "stored", "plate", "dissipated", "numerical")]
@@ -228,11 +227,8 @@ def adhesion(radius: float, work: float, load: float, **of_material: Any) -> _Si
     known = [found[n] for n in ("pull_off", "tabor", "lost_energy", "reduced_modulus") if n in found]
     rows: _Rows = [(v.attrs["long_name"], float(v), _unit(v)) for v in known]
     rows += [(name, found.attrs[name], "") for name in ("theory", "regime", "validity") if name in found.attrs]
-    panels = [
-        (found[name] * 1e6, found["force"], f"{_said(name)} / µm", "force / N")
-        for name in ("indentation", "contact_radius")
-    ]
-    return found, rows, panels
+    axes = ("indentation", "contact_radius")
+    return found, rows, [(found[name] * 1e6, found["force"], f"{_said(name)} / µm", "force / N") for name in axes]
 
 
 @click.command()
@@ -282,8 +278,9 @@ def _named(texts: Iterable[str]) -> dict[str, str]:
 
 
 def _deliver(found: "xr.Dataset", rows: _Rows, panels: _Panels, out: Path | None, picture: Path | None) -> None:
-    """Write and draw a simulation as wanted, and print its rows and its work."""
+    """Write and draw a simulation as wanted, and print its rows; in JSON with its work."""
     from labpipe import files
+    from labpipe.report import quantity
 
     work = json.loads(found.attrs.get("work", "{}"))
     if out is not None:
@@ -299,20 +296,20 @@ def _deliver(found: "xr.Dataset", rows: _Rows, panels: _Panels, out: Path | None
         with figure_style(columns=1):
             figure = Figure(figsize=(3.35, 1.7 * len(panels)), layout="constrained")
             for row, (x, y, x_label, y_label) in enumerate(panels, 1):
-                axes = figure.add_subplot(len(panels), 1, row)
+                axes = figure.add_subplot(len(panels), 1, row, xlabel=x_label, ylabel=y_label)
                 axes.plot(x, y, **look)
-                axes.set(xlabel=x_label, ylabel=y_label)
             files.write_bytes(picture, figure_bytes(figure, picture.suffix.lstrip(".") or "png"))
         rows.append(("picture", str(picture), ""))
 
-    def text(value: Any) -> str:
-        if isinstance(value, list):
-            return " ".join(map(text, value))
-        return f"{value:.6g}" if isinstance(value, float) else str(value)
+    def text(value: Any, unit: str) -> str:
+        return str(value) if not isinstance(value, float) else quantity(value, unit, 4) if unit else f"{value:.4g}"
 
     units = {name: unit for name, _, unit in rows if unit}
-    lines = [f"{name:{_WIDTH}}{text(value)} {unit}".rstrip() for name, value, unit in rows]
-    lines.append(f"{'work':{_WIDTH}}" + ", ".join(f"{n.replace('_', ' ')} {v}" for n, v in work.items()))
+    lists = [(name.removeprefix("impact ")[:-1], value, unit) for name, value, unit in rows if isinstance(value, list)]
+    lines = [f"{name:{_WIDTH}}{text(value, unit)}" for name, value, unit in rows if not isinstance(value, list)]
+    impacts = list(zip(*([f"{name} {text(v, unit)}" for v in own] for name, own, unit in lists), strict=True))
+    lines += [f"{f'impact {i}':{_WIDTH}}{', '.join(own)}" for i, own in enumerate(impacts[:_SHOWN], 1)]
+    lines += [f"impacts {_SHOWN + 1} to {len(impacts)}: with --json"] if len(impacts) > _SHOWN else []
     emit({name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 from click.shell_completion import BashComplete, FishComplete, ZshComplete
 
-from labpipe.errors import ConfigError, StorageError, StoreError
+from labpipe.errors import ConfigError, StorageError, StoreError, UsageError
 from pipelines import session as verbs
 from pipelines.cli import cli
 from pipelines.commands.options import FOLDER, NEW_FILE, NEW_FOLDER, emit, jobs_option, json_option, members, wants_json
@@ -199,7 +199,11 @@ def figures(
         outcomes = verb(ids, session=session, out=out, data=data, jobs=jobs, progress=show).outcomes
     made = [members(one, "id", "state", "detail", "files") for one in outcomes]
     lines = [f"{o.id:10} {o.state}{o.detail and f': {o.detail}'}" for o in outcomes]
-    emit({"out": out, "figures": made}, lines, code=any(o.state == make.FAILED for o in outcomes))
+    remedy = "name one by --session; labpipe sample thesis-small FOLDER writes a synthetic one"
+    unmet = [one for one in outcomes if ids and one.state == make.NEEDS_SESSION]
+    lost = [f"figure {one.id} needs a session {one.detail}: {remedy}" for one in unmet]
+    code = 1 if any(o.state == make.FAILED for o in outcomes) else UsageError.exit_code if lost else 0
+    emit({"out": out, "figures": made}, lines, errors=lost, code=code)
 
 
 @click.command()

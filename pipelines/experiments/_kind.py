@@ -41,24 +41,28 @@ class Derived:
 class KeyNumber:
     """A column of the session's page and of the catalogue; kinds that give the same title share it.
 
-    It is the first finite value of ``variable`` in the result of ``stage``, in the SI ``unit``.
+    It is the first finite value of ``variable`` in the result of ``stage``, in the SI ``unit``. The value of the
+    variable ``at`` there belongs to its title: stiffnesses at two frequencies are two quantities.
     """
 
     title: str
     unit: str
     stage: str
     variable: str
+    at: str = ""
 
-    def within(self, result: "xr.Dataset") -> tuple[float, float | None] | None:
-        """Return the number that a result holds, and its standard uncertainty if it holds that too."""
+    def within(self, result: "xr.Dataset") -> tuple[str, float, float | None] | None:
+        """Return title, number and, if known, standard uncertainty of the number that a result holds."""
         values, us = (
             [] if name not in result else result[name].values.ravel().tolist()
             for name in (self.variable, f"u_{self.variable}")
         )
-        at = next((i for i, value in enumerate(values) if isfinite(value)), None)
-        if at is None:
+        i = next((i for i, value in enumerate(values) if isfinite(value)), None)
+        if i is None:
             return None
-        return float(values[at]), float(us[at]) if len(us) == len(values) and isfinite(us[at]) else None
+        title, at = self.title, result[self.at] if self.at else None
+        title += "" if at is None else f" at {at.values.ravel()[i]:.2g} {at.attrs['units']}"
+        return title, float(values[i]), float(us[i]) if len(us) == len(values) and isfinite(us[i]) else None
 
 
 @dataclass(frozen=True, slots=True)

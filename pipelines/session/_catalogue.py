@@ -169,7 +169,8 @@ class Opened:
 
     def href(self, session: str, page: str) -> str:
         """Return the way from a page about the sessions to one of a session; "" where there is none below."""
-        target = files.relative(self.base / session / "labpipe" / page, self.page_folder)
+        folder = self.base / session if self.page_folder == self.base or session != self.base.name else self.base
+        target = files.relative(folder / "labpipe" / page, self.page_folder)
         return target if (self.page_folder / target).is_file() and not target.startswith("..") else ""
 
     def select(self, table: str, where: str = "", columns: Sequence[str] = ()) -> pd.DataFrame:
@@ -188,7 +189,8 @@ class Opened:
         try:
             rows = self.connection.execute(statement).fetchall()
         except (sqlite3.Error, sqlite3.Warning) as error:
-            raise UsageError(f"--where {where!r}: {error}; the columns are {', '.join(known)}") from error
+            near = suggest(str(error).removeprefix("no such column: "), known) if "no such column" in str(error) else ""
+            raise UsageError(f"--where {where!r}: {error}{near}; the columns are {', '.join(known)}") from error
         frame = pd.DataFrame(rows, columns=list(columns) or known)
         frame.attrs["units"] = {name: self.units[name] for name in frame.columns if self.units.get(name)}
         return frame
@@ -215,6 +217,7 @@ def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | P
     done: dict[str, Any] = {"renewed": (), "unchanged": (), "problems": {}}
     for folder in _sessions(roots):
         name, (kept, state, problem) = files.relative(folder, base), _kept_rows(folder)
+        name = base.name if name == "." else name
         if problem is not None:
             done["problems"][name] = problem
         else:

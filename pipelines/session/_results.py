@@ -70,8 +70,8 @@ def key_numbers(results: Results, name: str) -> dict[str, tuple[float, float | N
     found = {}
     for number in KINDS[results.experiments[name].kind].key_numbers:
         dataset = results.first(name, number.stage)
-        if dataset is not None and (pair := number.within(dataset)) is not None:
-            found[number.title] = (*pair, number.unit)
+        if dataset is not None and (own := number.within(dataset)) is not None:
+            found[own[0]] = (*own[1:], number.unit)
     return found
 
 

@@ -46,7 +46,7 @@ KIND = Kind(
     summary="harmonic indentation by a periodic punch",
     settings=Harmonic,
     stages=_STAGES,
-    key_numbers=(KeyNumber("storage stiffness", "N/m", "oscillations", "storage_stiffness"),),
+    key_numbers=(KeyNumber("storage stiffness", "N/m", "oscillations", "storage_stiffness", at="frequency"),),
     picture=Picture("loops", "position", "force"),
     rows=derived("harmonic.comparison:rows", "comparison oscillations model"),
     budget=derived("harmonic.budget:quantities", "oscillations loads"),

@@ -70,7 +70,7 @@ WRONG = {
     'window = "2 s"': "must be > 0 and <= 1 s, found 2 s",
     f"count = {10**300}": r"found 10{59}…",
     'switch = "yes"': 'expected true or false, found "yes"',
-    "corners = [1, 2]": r"corners.0.: expected a list of items, each a whole number, found 1",
+    "corners = [1, 2]": r"corners no. 1: expected a list in brackets, each a whole number, found 1",
     "files = ['../x']": r'contains "\.\."',
     "files = ['data.csv', 'data.csv']": 'files no. 2: "data.csv" is listed twice',
     'pair = ["1 mm"]': "expected 2 items, found 1",

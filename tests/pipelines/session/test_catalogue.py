@@ -39,6 +39,10 @@ def test_experiments_are_listed_with_parameters_and_numbers(sessions: Path) -> N
     expected = result(sessions / "monday", str(found["experiment"][1]), "repeats")["restitution"]
     assert found["first_restitution"][1] == float(expected[0])
     assert found["first_restitution"].isna()[0]
+    of_itself = catalogue(sessions / "monday").table
+    assert set(of_itself["session"]) == {"monday"}
+    assert of_itself["storage_stiffness_at_1_Hz"].notna().sum() == 1
+    assert "reports/drop.html" in (sessions / "monday/labpipe/catalogue.html").read_text("utf-8")
 
 
 def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> None:
@@ -91,11 +95,13 @@ def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(sessions: Path
 
 
 @pytest.mark.parametrize(
-    "where", ["height >", "no_such_column = 1", "1) ; DROP TABLE experiments; --", "load_extension('x')"]
-)
-def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where: str) -> None:
+    ("where", "words"),
+    [("height >", ""), ("heigth > 1", r"; did you mean \"height\"\?"), ("1) ; DROP TABLE experiments; --", ""),
+     ("load_extension('x')", "")],
+)  # fmt: skip
+def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where: str, words: str) -> None:
     before = (sessions / CATALOGUE).read_bytes()
-    with pytest.raises(UsageError, match="the columns are session, experiment, kind"):
+    with pytest.raises(UsageError, match=f"{words}; the columns are session, experiment, kind"):
         query(sessions / CATALOGUE, where)
     assert (sessions / CATALOGUE).read_bytes() == before
 

@@ -1,6 +1,7 @@
 """A session from files to reports: results against truth, and what a second run does."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -100,7 +101,8 @@ def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None
     done = process(session_copy, jobs=0)
     assert done.exit_code == 1
     assert {o.experiment for o in done.failures} == {"drop"}
-    assert "drop_2.csv" in done.failures[0].message
+    assert re.fullmatch(r"missing: laser/drop_2.csv \(session.toml:\d+\)", done.failures[0].message)
+    assert {v.experiment: v.believable for v in verdict(session_copy, jobs=0).experiments}["drop"] == "unknown"
     assert (session_copy / "labpipe/reports/nbr.html").is_file()
     rows = {row.experiment: row.state for row in plan(session_copy).rows}
     assert rows["nbr"] == "cached"

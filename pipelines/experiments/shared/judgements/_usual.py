@@ -36,6 +36,7 @@ _USUAL = {
 _SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
 """Setting that mends it, by the reason of the error."""
 
+_LOST = "the file was not copied into the session, or session.toml gives it another name"
 _OF_RUN = (
     "the program did not get through this step, which tells nothing about the record: run it again, and report it if "
     "it happens again"
@@ -51,7 +52,7 @@ def uncertainties_stated(settings: Any) -> Iterator[Check]:
     for setting, value, kind in every_setting(settings):
         is_positive = mark(kind, Range) == POSITIVE
         if isinstance(value, Quantity) and value.u > 0.0 and is_positive:
-            text = f"{counted(setting)} is stated as {value_with_uncertainty(*value)}"
+            text = f"{counted(setting)} is {value_with_uncertainty(*value)}"
             share = 1 / 3 if value.si == "m" else 1 / 2
             level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
@@ -96,9 +97,10 @@ def failed_steps(
         names_it = not failure.recording or failure.text.startswith(failure.recording)
         where = "" if names_it else f"{failure.recording}: "
         name, text = f"step {failure.stage}", f"{where}{failure.text}"
-        if failure.is_of_run:
-            needs = "a run that gets through this step"
-            found[failure.stage] = Check(name, text, "note", needs=needs, cause=_OF_RUN, is_generic=True)
+        is_lost = failure.reason == errors.MISSING
+        if failure.is_of_run or is_lost:
+            needs, cause = ("this file", _LOST) if is_lost else ("a run that gets through this step", _OF_RUN)
+            found[failure.stage] = Check(name, text, "note", needs=needs, cause=cause, is_generic=True)
             continue
         known, place = _USUAL | dict(causes), (_SETTINGS | dict(settings)).get(failure.reason, "")
         cause, file = known.get(failure.reason) or known.get(failure.stage, ""), failure.recording or ""
