@@ -185,7 +185,8 @@ def noticed(result: xr.Dataset) -> str:
     for relative, error, name, unit in sorted(zip(*values, units, strict=True), key=lambda one: (isnan(one[0]), one)):
         # an input that is 0, such as a position, has no share, nor has a temperature in °C
         size = quantity(error, of_error(unit)) if isnan(relative) else f"{in_words(100 * relative, 2)} %"
-        if isfinite(error) and not relative >= 1.0:
+        is_possible = error < 273.15 if unit == "degC" else not relative >= 1.0  # K to the absolute zero
+        if isfinite(error) and is_possible:
             shown.append(f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}")
         else:
             none.append(shown_source(name))
