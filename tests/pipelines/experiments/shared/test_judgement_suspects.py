@@ -76,6 +76,25 @@ def test_of_inputs_that_look_the_same_the_one_known_worst_is_named_and_no_part_o
     assert "times its stated uncertainty" in second
 
 
+def test_a_wrong_count_is_named_by_the_right_one() -> None:
+    """Three tips counted as one: the force is three times that of the model."""
+    known = {"number of tips": Quantity(1.0, 0.0, "1"), "DMA, specimen": Quantity(1.0, 1e-2, "1")}
+    rows = [
+        row(
+            "plateau force",
+            "N",
+            1,
+            slopes=dict.fromkeys(known, -size),
+            measured=(3.0 * size, 3e-3 * size),
+            model=(size, 1e-2 * size),
+            difference=(2.0 * size, 1.1e-2 * size),
+        )
+        for size in (10.0, 20.0, 30.0)
+    ]
+    first = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])[0]
+    assert first.startswith("number of tips is probably 3, not 1; that would explain 100")
+
+
 @pytest.mark.parametrize(("height", "model"), [(5e-3, "undecided"), (5.125e-3, "differs")])
 def test_a_value_without_uncertainty_makes_a_model_undecided_where_half_its_last_digit_explains_it(
     height: float, model: str
