@@ -226,6 +226,13 @@ def test_the_grey_scale_of_the_camera_does_not_matter() -> None:
         assert np.abs(plain.u_dx - found.u_dx).max() < 1e-4
 
 
+def test_the_correlation_is_that_of_the_pixels() -> None:
+    film = make_film("medium", (Motion(), Motion()), noise=20.0)
+    found = track(film, [(140, 130)], 31, blur=0.0)
+    first, second = film[:, 115:146, 125:156].reshape(2, -1)
+    assert float(found.zncc[1, 0]) == pytest.approx(np.corrcoef(first, second)[0, 1], abs=1e-3)
+
+
 def test_changing_light_does_not_move_points() -> None:
     film = make_film("medium", SHIFTS[:4], 0.0)
     dimmed = np.rint(film * np.array([1.0, 0.7, 0.5, 0.9])[:, None, None] + 10).astype(np.uint8)
