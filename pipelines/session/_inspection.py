@@ -19,6 +19,7 @@ import instruments
 from labpipe.errors import ConfigError, InputError, LabpipeError, SourceError, SourceWarning, UsageError
 from labpipe.files import files_below, read_dataset, write_bytes
 from labpipe.notebook import html_table
+from labpipe.report import display_unit
 from labpipe.units import Quantity
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._recognition import alike_unknown, instrument_of, recognise
@@ -63,7 +64,7 @@ class Inspected(dict[str, Any]):
         for column in self.get("variables", ()):
             invalid = f", {column['invalid']} invalid" if column["invalid"] else ""
             name = f" ({column['long_name']})" if column["long_name"] not in ("", column["name"]) else ""
-            rows.append((f"  {column['name']}", f"{column['units']:8}{_span(column)}{invalid}{name}"))
+            rows.append((f"  {column['name']}", f"{_span(column)}{invalid}{name}"))
         rows += [(f"  {part['file']}", f"{part['reader']:14}{part['holds']}") for part in self.get("files", ())]
         return rows + [("problem", line) for line in self["problems"]]
 
@@ -71,7 +72,10 @@ class Inspected(dict[str, Any]):
 def _span(row: dict[str, Any]) -> str:
     if "values" in row:
         return ", ".join(row["values"])
-    return "no value" if row["min"] is None else f"{row['min']:z.6g} … {row['max']:z.6g}"
+    if row["min"] is None:
+        return "no value"
+    unit = display_unit([row["min"], row["max"]], row["units"])
+    return f"{row['min'] / unit.factor:z.6g} … {row['max'] / unit.factor:z.6g} {unit.text}".rstrip()
 
 
 def inspect(
@@ -205,8 +209,14 @@ def _folder(folder: Path) -> dict[str, Any]:
 def _briefly(found: dict[str, Any]) -> str:
     """Return a line on the content of a file that was described."""
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
-    said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
-    said += [f"{_span(spans[n])} {unit}" for n, unit in (("temperature", "°C"), ("frequency", "Hz")) if n in spans]
+    said, sizes, rate = [found["kind"]], found.get("sizes", ""), found.get("rate")
+    if sizes and found["kind"] == "table":
+        said = [f"{max(int(size.rpartition(' ')[2]) for size in sizes.split(', ')):,} readings"]
+    if said[0] != "film" and rate is not None:
+        unit = display_unit([hertz := float(rate.removesuffix(" Hz"))], "Hz")
+        said[0] += f" at {hertz / unit.factor:.4g} {unit.text}"
+        said.append(f"{float(format(float(found['duration'].removesuffix(' s')), '.3g')):g} s")
+    said += [_span(spans[n]) for n in ("temperature", "frequency") if n in spans]
     count = len(found["problems"])
     return ", ".join([*said, *([f"{count} problem{'s' * (count > 1)}"] if count else [])])
 

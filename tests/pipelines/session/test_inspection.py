@@ -31,6 +31,8 @@ def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None
     assert (out1["units"], out1["min"], out1["max"], out1["invalid"]) == ("m", 1e-3, 1e-3, 10)
     assert found["problems"] == ["out1: 10 of 1000 readings are invalid (10 RANGEOVER_P)"]
     assert Status.RANGEOVER_P == 1
+    assert "1 … 1 mm, 10 invalid (OUT1)" in repr(inspect(tmp_path / "a.csv"))
+    assert "1,000 readings at 20 kHz, 0.05 s, 1 problem" in repr(inspect(tmp_path))
 
 
 @needs_films
@@ -66,7 +68,7 @@ def test_a_folder_says_of_each_file_what_it_is(tmp_path: Path) -> None:
         "short.csv: found frequency, storage modulus, temperature; no loss modulus, tan δ or phase"
     ]
     text = repr(found)
-    assert "table of sample 3, 40 … 40 °C, 0.1 … 10 Hz" in text
+    assert "3 readings, 40 … 40 °C, 0.1 … 10 Hz" in text
     assert "notes.md   " in text
     assert "no instrument recognises the content" in text
     (tmp_path / "none").mkdir()
