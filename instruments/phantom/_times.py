@@ -74,8 +74,8 @@ def time_axis(header: Header) -> TimeAxis:
         found.append(f"the recording pauses {times}, the longest for {step[pauses - 1].max():.4g} s")
     late = step[(step > interval + max(_TOLERANCE, SHARE * interval)) & (step <= _PAUSE + interval)]
     if dropped := int(np.maximum(np.rint(late / interval) - 1, 0).sum()):
-        verb = "frame was" if dropped == 1 else "frames were"
-        found.append(f"{dropped} {verb} dropped by the camera, or it recorded in bursts")
+        bursts = f"recorded in bursts: {header.count} frames in {late.size + pauses.size + 1} windows"
+        found.append(bursts if dropped > header.count else f"frames dropped by the camera: {dropped}")
     return TimeAxis(time, interval, tuple(found))
 
 

@@ -265,6 +265,7 @@ def budget_table(rows: Sequence[Mapping[str, Any]], caption: str, unit: str) -> 
             *([r["kind"]] * len(kind)),
         )
         for r in rows
+        if not 0.0 < r["share"] < 1e-8  # as good as exact
     ]
     names = map(Column, ("source", "value", "standard uncertainty"))
     contribution = Column("contribution", unit=difference_unit(unit), digits=2)

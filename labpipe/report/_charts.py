@@ -110,6 +110,8 @@ class LineChart:
         1970-01-01, along x, the dates are shown.
     views : sequence of (name, x from, x to)
         Windows offered as buttons. Inside them, the narrowest first, all samples are kept.
+    opens_on_view : bool
+        Show the first of them when the page is opened, as where a whole film is three spikes.
     vlines : sequence of (name, x)
         Marked positions (impacts, events).
     caption : str
@@ -131,6 +133,7 @@ class LineChart:
     x_scale: Scale = "linear"
     y_scale: Scale = "linear"
     views: Sequence[tuple[str, float, float]] = ()
+    opens_on_view: bool = False
     vlines: Sequence[tuple[str, float]] = ()
     caption: str = ""
     height_px: int = 320
@@ -139,17 +142,11 @@ class LineChart:
     def __post_init__(self) -> None:
         """Refuse charts that cannot be drawn."""
         if not any(np_float(series.x).size for series in self.series if not series.on_hover):
-            raise InputError(
-                f'chart "{self.title}" has nothing to draw: {len(self.series)} series, all empty; '
-                "leave the chart out or say in a Notice why there are no data"
-            )
+            raise InputError(f'chart "{self.title}" has nothing to draw: {len(self.series)} series, all empty')
         for series in self.series:
             x = np_float(series.x)
             if self.is_ordered and (x[1:] < x[:-1]).any():
-                raise InputError(
-                    f'chart "{self.title}": x of "{series.name}" descends; a LineChart needs '
-                    "ascending x. Sort it, or use ScatterChart for loops"
-                )
+                raise InputError(f'chart "{self.title}": x of "{series.name}" descends; use ScatterChart for loops')
 
 
 @dataclass(frozen=True, eq=False)

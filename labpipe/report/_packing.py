@@ -117,6 +117,7 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
         "range": list(thinned.x_range),
         "group": chart.group,
         "views": [[a, b] for _, a, b in chart.views],
+        "opensOnView": chart.opens_on_view,
         "lines": [[n, x] for n, x in chart.vlines],
         "axes": [b64encode(thinned.series[m[0]].x.astype("<f8").tobytes()).decode() for m in axes],
         "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
@@ -190,7 +191,7 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
         "marker": look.marker,
         "isMarked": drawn.is_marked,
         "filled": look.filled,
-        "isLabelled": source.level is not None and source.style != "points",
+        "isLabelled": source.level is not None,
         "onHover": source.on_hover,
         "width": look.width,
     } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}

@@ -74,8 +74,8 @@ def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     if order < 1:
         return 0.0
     if time is None:
-        binomial = [(-1.0) ** k * comb(order, k) for k in range(order + 1)]
-        return deviation(np.correlate(values, binomial)) / sqrt(comb(2 * order, order))
+        binomial = [(-1.0) ** k * comb(order - 1, k) for k in range(order)]  # zero, without rounding, of equal values
+        return deviation(np.correlate(np.diff(values), binomial)) / sqrt(comb(2 * order, order))
     # Divided differences, scaled so that white noise keeps its level.
     t, y = (np.lib.stride_tricks.sliding_window_view(each, order + 1) for each in (time, values))
     t = (t - t[:, :1]) / (t[:, -1:] - t[:, :1])

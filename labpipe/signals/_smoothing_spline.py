@@ -47,10 +47,9 @@ def smooth(
     count = len(knots) - DEGREE - 1
     start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)
     breaks, first = np.append(knots[start], knots[-1]), start - DEGREE
-    length = np.diff(breaks)
-    basis = expanded(knots, first, length)
+    basis = expanded(knots, first)
     normal, rough, right = normal_equations(x, z, breaks, basis, first)
-    coefficients, band, n_solves = penalised(normal, right, rough, length, first)
+    coefficients, band, n_solves = penalised(normal, right, rough, np.diff(breaks), first)
     if not np.isfinite(coefficients).all():
         raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
     since = (time if at is None else at) - time[0]

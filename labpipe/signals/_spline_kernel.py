@@ -84,21 +84,21 @@ def solved(band: Floats, x: Floats, inverse: Floats) -> None:
 
 
 @lean(fastmath=_FAST)
-def expanded(knots: Floats, first: Integers, length: Floats) -> Floats:
+def expanded(knots: Floats, first: Integers) -> Floats:
     """Return the B-splines of intervals between ``knots`` (m + 6,): Cox and de Boor on polynomials.
 
     ``first`` (interval,) is the first coefficient that counts in one; the result (interval, 6, 6) holds, by power of
     the distance from its middle over its length, the factors of the six coefficients.
     """
-    basis = np.zeros((length.size, DEGREE + 1, DEGREE + 1))
-    for s in range(length.size):
+    basis = np.zeros((first.size, DEGREE + 1, DEGREE + 1))
+    for s in range(first.size):
         k, b = first[s] + DEGREE, basis[s]
-        middle, b[0, 0] = knots[k] + 0.5 * length[s], 1.0
+        middle, b[0, 0] = 0.5 * (knots[k] + knots[k + 1]), 1.0
         for p in range(1, DEGREE + 1):
             for i in range(p - 1, -1, -1):
                 left, right = knots[k + 1 + i - p], knots[k + 1 + i]
                 over = 1.0 / (right - left)
-                falls, rises, slope = (right - middle) * over, (middle - left) * over, length[s] * over
+                falls, rises, slope = (right - middle) * over, (middle - left) * over, (knots[k + 1] - knots[k]) * over
                 for q in range(p, -1, -1):
                     below = slope * b[q - 1, i] if q else 0.0
                     b[q, i + 1] += rises * b[q, i] + below
@@ -112,9 +112,9 @@ def normal_equations(
 ) -> tuple[Floats, Floats, Floats]:
     """Return what samples and roughness contribute to the normal matrix, and the right-hand side (m + 5,).
 
-    ``x`` (n,) increases; ``breaks`` (interval + 1,); ``basis`` and ``first`` belong to :func:`expanded`. Of the part of
-    the samples (interval, 6, 6) the upper triangle is filled. The roughness of an interval is the sum of the squares of
-    two products with its coefficients (interval, 2, 6): so it stays exact where the coefficients are large.
+    ``x`` (n,) increases; ``breaks`` (interval + 1,); ``basis`` and ``first`` belong to :func:`expanded`. Of the
+    samples' part (interval, 6, 6) the upper triangle is filled; the roughness of an interval is the sum of the squares
+    of two products (interval, 2, 6) with its coefficients, which stays precise where these are large.
     """
     normal, rough = np.empty(basis.shape), np.empty((first.size, 2, DEGREE + 1))
     right, row, stop = np.zeros(first[-1] + 2 * DEGREE + 1), np.empty(DEGREE + 1), 0
@@ -123,7 +123,7 @@ def normal_equations(
         middle, over, begin = 0.5 * (breaks[s] + breaks[s + 1]), 1.0 / (breaks[s + 1] - breaks[s]), stop
         while stop < x.size and (x[stop] < breaks[s + 1] or s == first.size - 1):
             stop += 1
-        b, bend = basis[s], over**3.5
+        b, scale = basis[s], over**3.5
         for k in range(DEGREE + 1):
             low = high = mixed = 0.0
             for n in range(begin, stop):
@@ -133,7 +133,7 @@ def normal_equations(
             powers[k], powers[k + DEGREE], products[k] = low, high, mixed
         for i in range(DEGREE + 1):
             # the fourth derivative is linear: 24 and 120 times the highest powers; place^2 is 1/12 in the mean
-            rough[s, 0, i], rough[s, 1, i] = 24.0 * bend * b[4, i], 120.0 / math.sqrt(12.0) * bend * b[5, i]
+            rough[s, 0, i], rough[s, 1, i] = 24.0 * scale * b[4, i], 120.0 / math.sqrt(12.0) * scale * b[5, i]
             row[:] = 0.0
             for p in range(DEGREE + 1):
                 right[first[s] + i] += b[p, i] * products[p]
@@ -198,11 +198,12 @@ def penalised(
     """Fit a spline whose roughness costs as much as the samples say (Fellner and Schall's update).
 
     ``normal``, ``rough`` and ``right`` are those of :func:`normal_equations`; ``length`` (interval,). Returned are the
-    coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves.
+    coefficients (m + 5,), the band (m + 5, 6) of their covariance, and the number of solves. No penalty is so large
+    that the rounding of the coefficients costs as much as a sample that deviates by its noise.
     """
     power, octave = length**7, np.round(np.log2(length)).astype(np.int64)
     octave -= octave.min()
-    penalty, used, energy = 10.0 * power, np.empty(power.size), np.empty(power.size)
+    penalty, used, energy, rigid = 10.0 * power, np.empty(power.size), np.empty(power.size), np.empty(power.size)
     band = np.empty((right.size, DEGREE + 1))
     inverse, n_solves, has_settled = np.empty(band.shape), 0, False
     while True:
@@ -211,26 +212,25 @@ def penalised(
         band[:] = 0.0
         for s in range(power.size):
             for i in range(DEGREE + 1):
-                level, slope = penalty[s] * rough[s, 0, i], penalty[s] * rough[s, 1, i]
+                bend, tilt = penalty[s] * rough[s, 0, i], penalty[s] * rough[s, 1, i]
                 for j in range(DEGREE + 1 - i):
-                    band[first[s] + i, j] += (
-                        normal[s, i, i + j] + level * rough[s, 0, i + j] + slope * rough[s, 1, i + j]
-                    )
+                    band[first[s] + i, j] += normal[s, i, i + j] + bend * rough[s, 0, i + j] + tilt * rough[s, 1, i + j]
         solved(band, coefficients, inverse)
         if has_settled or n_solves > _UPDATES:
             return coefficients, inverse, n_solves
         for s in range(power.size):
-            spread = energy[s] = 0.0
-            for r in rough[s]:
-                bend = 0.0
+            spread = energy[s] = rounding = 0.0
+            for part in rough[s]:
+                size = most = 0.0
                 for i in range(DEGREE + 1):
-                    bend += r[i] * coefficients[first[s] + i]
+                    size += part[i] * coefficients[first[s] + i]
+                    most += abs(part[i] * coefficients[first[s] + i])
                     for j in range(DEGREE + 1 - i):
-                        spread += r[i] * r[i + j] * inverse[first[s] + i, j] * (2.0 if j else 1.0)
-                energy[s] += bend**2
-            used[s] = max(1.0 - penalty[s] * spread, 1e-4)
-        # Parameters used per roughness, of which both are pooled over neighbours (a triangular window) and over all
-        # intervals of equal length.
+                        spread += part[i] * part[i + j] * inverse[first[s] + i, j] * (2.0 if j else 1.0)
+                energy[s] += size**2
+                rounding += np.finfo(np.float64).eps * most**2
+            used[s], rigid[s] = max(1.0 - penalty[s] * spread, 1e-4), min(1e8 * power[s], 1.0 / rounding)
+        # Parameters used per roughness, both pooled over neighbours (a triangular window) and all of equal length.
         alike, has_settled = np.bincount(octave, energy) / np.bincount(octave, used), True
         for s in range(power.size):
             local_used, local_energy = _SHARED, _SHARED * alike[octave[s]]
@@ -240,7 +240,7 @@ def penalised(
                 local_energy += weight * energy[o]
             wanted = local_used / max(local_energy, 1e-250)
             wanted = min(max(wanted, penalty[s] / 100.0), penalty[s] * 100.0)
-            # beyond these multiples of the scale of a penalty it is off, or the spline rigid
-            wanted = min(max(wanted, 1e-8 * power[s]), 1e8 * power[s])
+            # beyond, the penalty is off, or the spline rigid
+            wanted = min(max(wanted, 1e-8 * power[s]), rigid[s])
             has_settled = has_settled and abs(math.log(wanted / penalty[s])) < _SETTLED
             penalty[s] = wanted

@@ -74,7 +74,8 @@ def is_gap(value: Any) -> bool:
 POSITIVE = Range(above=0.0)
 NOT_NEGATIVE = Range(at_least=0.0)
 
-File = Annotated[str, FileMark(), msgspec.Meta(description="the name of a file")]
+_FILE = "the name of a file"
+File = Annotated[str, FileMark(), msgspec.Meta(description=_FILE)]
 ExperimentName = Annotated[str, ReferenceMark(), msgspec.Meta(description="the name of an experiment")]
 """Written as ``NAME`` or ``experiment:NAME``, kept as the latter."""
 Length = Annotated[Quantity, Dimension("m", "length", "9.525 ± 0.005 mm")]

@@ -212,7 +212,7 @@ def wanted_tasks(
     known = set().union(*names.values())
     for wrong in sorted(asked - known):
         there = ", ".join(sorted({task.stage for task in chosen}))
-        raise UsageError(f'there is no stage "{wrong}"{suggest(wrong, known)}; there are {there}')
+        raise UsageError(f'there is no stage "{wrong}"{suggest(wrong, known) or f"; there are {there}"}')
     return frozenset(name for name in chosen if asked & names[name])
 
 

@@ -88,7 +88,7 @@ def _replaced(old: str, new: str, name: str, after: str = "") -> Edit:
 
 def _renewed(lines: list[str]) -> list[str]:
     times = [line.split("\t")[0] for line in lines]
-    return ["\t".join([t, *line.split("\t")[1:]]) for t, line in zip(times, lines[:203] + lines[207:], strict=False)]
+    return ["\t".join([t, *line.split("\t")[1:]]) for t, line in zip(times, lines[:150] + lines[170:], strict=False)]
 
 
 _NOISE = np.random.default_rng(7)
@@ -142,7 +142,7 @@ WAVE_ROWS = (
     _declared(WAVES, "Amplitude, mm", "0.0100", "0.1000", "declared amplitude is 10 times"),
     _declared(WAVES, "Frequency, Hz", "1.0", "2.0", "declared frequency is 2 times"),
     # rows
-    Mistake("rows lost, times renewed", rows(_renewed, WAVES), "doubtful", ("rows were lost",), WAVES),
+    Mistake("rows lost, times renewed", rows(_renewed, WAVES), "impossible", ("rows were lost",), WAVES),
     Mistake("rows lost", rows(lambda r: r[:150] + r[210:], WAVES), "impossible", ("missing",)),
 )
 

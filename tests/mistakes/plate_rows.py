@@ -54,10 +54,9 @@ ROWS = (
     ),
     Mistake("mass in kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("sphere.mass",), _TOML),
     # time
-    Mistake("cycle doubled in one", header("cycle,100us", "cycle,50us", (PTFE,)), "impossible", ("interval of", PTFE)),
+    Mistake("cycle doubled in one", header("cycle,50us", "cycle,25us", (PTFE,)), "impossible", ("interval of", PTFE)),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
-    # sensor
     # recordings
     Mistake("two heights exchanged", _exchanged(0, 1), "impossible", ("recordings of acrylic, 1.5 mm", "exchanged")),
     Mistake("two materials exchanged", _exchanged(0, 2), "doubtful", ("ptfe, 1.5 mm", "exchanged")),

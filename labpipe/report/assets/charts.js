@@ -291,14 +291,16 @@
     const { ctx, bbox } = u, inside = chart.description.lines.filter(([, x]) => x >= u.scales.x.min && x <= u.scales.x.max);
     ctx.strokeStyle = colour("--axis"); ctx.globalAlpha = 0.7; ctx.lineWidth = density; ctx.setLineDash([density, 3 * density]);
     ctx.fillStyle = colour("--muted"); ctx.font = `${11 * density}px ${getComputedStyle(document.body).fontFamily}`; ctx.textBaseline = "top"; ctx.textAlign = "left";
-    let free = -Infinity, last = -Infinity;
+    let free = -Infinity, below = -Infinity, last = -Infinity;
     for (const [name, x] of inside) {
       const at = project.px(x), width = ctx.measureText(name).width;
       // A crowd of lines would be a grey block; it comes apart when it is zoomed into.
       if (at - last < CROWDED_PX * density) continue;
       last = at;
       ctx.beginPath(); ctx.moveTo(at, bbox.top); ctx.lineTo(at, bbox.top + bbox.height); ctx.stroke();
-      if (at > free && at + width + 6 * density < bbox.left + bbox.width) { ctx.fillText(name, at + 4 * density, bbox.top + 3 * density); free = at + width + 10 * density; }
+      if (at + width + 6 * density >= bbox.left + bbox.width) continue;
+      if (at > free) { ctx.fillText(name, at + 4 * density, bbox.top + 3 * density); free = at + width + 10 * density; }
+      else if (at > below) { ctx.fillText(name, at + 4 * density, bbox.top + 16 * density); below = at + width + 10 * density; }
     }
     ctx.globalAlpha = 1;
   };
@@ -541,9 +543,15 @@
 
   const buildLegend = (chart) => {
     chart.figure.querySelector(".chart-legend").replaceChildren();
-    const crowd = chart.series.filter((s) => s.onHover);
+    const crowd = chart.series.filter((s) => s.onHover), family = chart.series.filter((s) => s.isLabelled);
+    // A family is a scale of colours with a name at each of its curves: one entry stands for all.
+    for (const s of family) s.value = document.createElement("span");
+    if (family.length > 0) {
+      const ends = family.length > 1 ? `${family[0].name} to ${family.at(-1).name} (blue to red), ${family.length} curves` : family[0].name;
+      entry(chart, family.at(-1), ends, () => family[0].shown, () => { for (const s of family) s.shown = !s.shown; });
+    }
     for (const s of chart.series) {
-      if (s.onHover) continue;
+      if (s.onHover || s.isLabelled) continue;
       s.value = entry(chart, s, s.name, () => s.shown, () => { s.shown = !s.shown; });
     }
     if (crowd.length === 0) return;
@@ -739,6 +747,7 @@
   }
   // Companions are known only now.
   for (const chart of charts) { chart.window = groupRange(chart); buildSlider(chart); apply(chart); }
+  for (const chart of charts) if (chart.description.opensOnView) show(chart, 0);
   /** Mark the frame that a gallery shows; a gallery without a place or a group marks nothing. */
   const markFrame = (gallery) => {
     const { group, at } = gallery.dataset;

@@ -89,11 +89,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
             fall_checks.rest_level(fall),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
         ]
-        for wrong in of_traces:  # lost rows explain their effects, but no contact that lasts longer
-            if wrong.level and wrong.file == fall.name and wrong.name == record_checks.SINGLE_ROWS:
-                is_long = any(c.name == fall_checks.DURATION and c.level and c.log_ratio > 0.0 for c in found)
-                cause = _SMEARED if is_long else wrong.cause
-                found = judgements.because(found, cause, *(c.name for c in found), file=fall.name)
+        lost = [c for c in of_traces if c.level and c.file == fall.name and c.name == record_checks.SINGLE_ROWS]
+        wrong = {c.name for c in [*found, *lost] if c.level}
+        is_long = any(c.name == fall_checks.DURATION and c.level and c.log_ratio > 0.0 for c in found)
+        # lost rows explain their effects, but no contact that lasts longer; nor does g agree on another clock
+        cause = _SMEARED if is_long and G not in wrong and len(wrong) > 1 else lost[0].cause if lost else ""
+        found = judgements.because(found, cause, *wrong, file=fall.name)
         of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)

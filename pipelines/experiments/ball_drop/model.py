@@ -7,7 +7,6 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.variables import variable
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.drop_model import simulated_drop
 
@@ -16,6 +15,7 @@ FOLLOWED = 20
 
 Three are compared; PEEK bounces a hundred times, and each impact costs a contact for every input.
 """
+_OF_CONTACT = ("impact_time", "contact_duration", "penetration")
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 
 
@@ -33,7 +33,7 @@ def model(
     ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
     """
     fall = np.sqrt(2 * settings.height.value / settings.model.gravity.value)
-    made = simulated_drop(
+    return simulated_drop(
         settings,
         material_file,
         fitted,
@@ -44,11 +44,43 @@ def model(
         of_budget="restitution",
         full=full,
     )
-    squares = np.full(made["time"].shape, 0.0 if made.sizes["impact"] else np.nan)
-    for moved in path_by_input(made):
-        squares += np.square(moved)
-    text = "standard uncertainty from the inputs, from first contact on: displacement"
-    return made.assign(u_displacement=variable("time", np.sqrt(squares), "m", text))
+
+
+def path_limits(made: xr.Dataset, coverage: float = 2.0) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest displacement (time,) [m] within ``coverage`` standard uncertainties.
+
+    The path comes earlier or later by the uncertainty of its touches, after the last one whose sensitivities were found
+    in proportion to time. A flight that lasts longer is higher by the square; a contact is deeper by its penetration.
+    """
+    time, path = made["time"].values, made["displacement"].values
+    touches, durations, depths = (made[name].values for name in _OF_CONTACT)
+    moved, longer = (made[f"slope_{name}"].values * made["input_u"].values[:, None] for name in _OF_CONTACT[:2])
+    count = int(np.isfinite(durations + np.linalg.norm(moved + longer, axis=0)).sum())
+    if count < 2:
+        return path, path
+    # touches and lift-offs one after the other, and what each input's uncertainty makes of them
+    pairs = (touches, durations), (moved, longer)
+    nodes, shifts = (np.stack((a, a + b), axis=-1)[..., :count, :].reshape(*a.shape[:-1], -1) for a, b in pairs)
+    u_nodes = np.linalg.norm(shifts, axis=0)
+    stretched = coverage * np.linalg.norm(np.diff(shifts), axis=0) / np.diff(nodes)
+    deeper = coverage * (made["u_penetration"].values / depths)[:count]
+    at = np.clip(np.searchsorted(nodes[::2], time) - 1, 0, count - 2)
+    higher, deeper = np.where(time > nodes[0], stretched[1::2][at], 0.0), deeper[at]
+    fall = coverage * float(made["u_impact_speed"][0]) * np.maximum(nodes[0] - time, 0.0)
+    grown = np.maximum((time - nodes[0]) / (nodes[-1] - nodes[0]), 1.0)
+    reach = coverage * grown * np.interp(time, nodes, u_nodes)
+    low = np.where(path > 0.0, path * np.maximum(1.0 - higher, 0.0) ** 2, path * (1.0 + deeper)) - fall
+    high = np.where(path > 0.0, path * (1.0 + higher) ** 2, path * (1.0 - deeper)) + fall
+    # of each moment the extremes between its earliest and its latest place on the path
+    early, late = time - reach, time + reach
+    between = np.stack((np.searchsorted(time, early), np.searchsorted(time, late, side="right")), axis=1).ravel()
+    lowest, highest = (
+        find.reduceat(np.append(values, values[-1]), between)[::2]
+        for find, values in ((np.minimum, low), (np.maximum, high))
+    )
+    for end in (early, late):  # between the samples
+        lowest, highest = np.fmin(lowest, np.interp(end, time, low)), np.fmax(highest, np.interp(end, time, high))
+    return lowest, highest
 
 
 def path_by_input(made: xr.Dataset) -> Iterator[Floats]:
@@ -56,12 +88,11 @@ def path_by_input(made: xr.Dataset) -> Iterator[Floats]:
 
     Times count from the first contact; NaN after the last impact whose sensitivities were found.
     """
-    of_contact = ("impact_time", "contact_duration", "penetration")
     time, path = made["time"].values, made["displacement"].values
-    touches, durations, depths = (made[name].values for name in of_contact)
+    touches, durations, depths = (made[name].values for name in _OF_CONTACT)
     for i, u in enumerate(made["input_u"].values):
         if u > 0.0 and touches.size:
-            slope, longer, deeper = (made[f"slope_{name}"].values[i][:FOLLOWED] for name in of_contact)
+            slope, longer, deeper = (made[f"slope_{name}"].values[i][:FOLLOWED] for name in _OF_CONTACT)
             whole = np.isfinite(durations[: slope.size] + depths[: slope.size] + longer + deeper)
             count = int(np.cumprod(whole).sum())  # a contact that the end of the record cuts has neither
             pairs = (touches, durations), (slope, longer)

@@ -1,6 +1,5 @@
 """The report of a ball drop."""
 
-import json
 from collections.abc import Sequence
 from functools import partial
 
@@ -8,15 +7,15 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.report import Band, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed
+from labpipe.report import Band, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed, quantity
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
-from pipelines.experiments.ball_drop.model import FOLLOWED
+from pipelines.experiments.ball_drop.model import FOLLOWED, path_limits
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
-from pipelines.experiments.shared.counter_body import described_flat, flat_rows
-from pipelines.experiments.shared.drop_model import linear_range_rows
+from pipelines.experiments.shared.counter_body import flat_rows
+from pipelines.experiments.shared.drop_model import described_plate, linear_range_rows, simulated
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _RIGID_FLOOR = (
@@ -45,10 +44,15 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
     if model is not None:
         since = model["time"].values - float(model["impact_time"][0])
         curve = partial(Series, "model", since * _MS, role="model")
-        position += pages.model_curves(since * _MS, model["displacement"] * _MM, model["u_displacement"] * _MM)
+        low, high = path_limits(model)
+        position.append(Band("model, earliest to latest", since * _MS, low * _MM, high * _MM, role="model"))
+        position.append(curve(model["displacement"].values * _MM))
         speed.append(curve(model["velocity"].values))
         if followed := int(np.isfinite(model["u_impact_time"]).sum()):
-            caption += f" The model's band is the effect of its inputs' uncertainties, until impact {followed}."
+            caption += " The model's band lies between its earliest and latest path within two standard uncertainties "
+            caption += "of its inputs"
+            caption += f"; after impact {followed} they grow in proportion to time" * (followed < model.sizes["impact"])
+            caption += "."
         for title, label, name, factor in (
             ("Contact force (model)", "force / N", "force", 1.0),
             ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
@@ -56,8 +60,8 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
             simulated.append(chart(title, y_label=label, series=(curve(model[name].values * factor),)))
     if model is not None and comparison is not None:
         time = comparison["time"].values
-        known = 2 * np.interp(time, since, model["u_displacement"].values) * _UM
-        drawn: list[Series | Band] = [Band("model ± 2 u", time * _MS, -known, known, role="model")]
+        below, above = (np.interp(time, since, end - model["displacement"].values) * _UM for end in (low, high))
+        drawn: list[Series | Band] = [Band("model, earliest to latest", time * _MS, below, above, role="model")]
         if is_repeated:
             wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
             drawn.append(Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
@@ -135,8 +139,10 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
         for which in ("first_contact", "settling", "rest", "u_rest")
     )
     remarks = [
-        ", ".join(["outlier"] * bool(flags[i]) + ["still moving when the recording ends"] * (not np.isfinite(end)))
-        for i, end in zip(known, rest, strict=True)
+        "; ".join(
+            [_apart(found, at)] * bool(flags[i]) + ["still moving when the recording ends"] * (not np.isfinite(end))
+        )
+        for at, (i, end) in enumerate(zip(known, rest, strict=True))
     ]
     columns = (
         Listed("recording", [settings.laser[i] for i in known]),
@@ -152,21 +158,31 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
     text = (
         "Release and first contact by the clock of the recording. Phases count from first contact: bouncing to the "
         "last resolved flight, vibration until the speed stays below a hundredth of that of the first impact, static "
-        "from then on. Outliers are flagged, never removed."
+        "from then on. Outliers of the displacement are flagged; all recordings are in the means."
     )
     return Section("Repeats", (listed(columns, text),))
+
+
+def _apart(found: Sequence[xr.Dataset], at: int) -> str:
+    """Say in which quantity a recording differs most from the others, ``"outlier: fall 4.996 mm, others 1.500 mm"``."""
+    texts: dict[float, str] = {}
+    for name, title, unit in (("drop_height", "fall", "m"), ("restitution", "first restitution", "1")):
+        values = np.array([float(np.atleast_1d(each[name].values)[0]) for each in found])
+        others = float(np.nanmedian(np.delete(values, at)))
+        shown = [quantity(value, unit, 4) for value in (float(values[at]), others)]
+        texts[abs(float(values[at]) / others - 1.0)] = f"outlier: {title} {shown[0]}, others {shown[1]}"
+    return texts[max(texts)]
 
 
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:
     rows = [("peak force", pages.told(model, "peak_force", 0), "first impact")]
     rows.append(("largest contact radius", pages.told(model, "peak_contact_radius", 0), "first impact"))
     rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
-    limits, plate = pages.limits_of(model), json.loads(model.attrs["plate"])
-    if plate is None:
+    limits = pages.limits_of(model)
+    if not described_plate(model):
         return Section("Model", (KeyValues(rows), *limits, Paragraph(_RIGID_FLOOR)))
     rigid = f"without its motion the first restitution is {float(model['rigid_restitution']):.5f}"
-    swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
-    rows.append(("plate", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
+    rows.append(("plate", described_plate(model), rigid))
     return Section("Model", (KeyValues(rows), *limits))
 
 
@@ -188,11 +204,7 @@ def _methods(
         "first contact. "
     )
     if model is not None:
-        text += (
-            f"The drop on {described_flat(settings.counter_body)} was simulated with the material “{sphere.source}” "
-            f"by the method of dimensionality reduction (profile: {settings.model.profile}, tolerance "
-            f"{settings.model.rtol:g}). "
-        )
+        text += simulated(settings, model)
     return pages.methods(text.strip(), settings)
 
 

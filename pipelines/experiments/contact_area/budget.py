@@ -7,11 +7,14 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
+from pipelines.experiments.contact_area.comparison import largest_radii
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, of_simulation
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 
-def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None) -> Iterator[Quantity]:
+def quantities(
+    impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None
+) -> Iterator[Quantity]:
     """Yield the largest contact radii of the first impacts; with a model the areas, and its first one.
 
     Fringes show the Hertz-equivalent radius, that of the model; the area is that within the edge.
@@ -28,8 +31,11 @@ def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None
     def area_of(**inputs: float) -> float:
         return pi * radius_of(**inputs) ** 2
 
-    for i in range(min(IMPACTS, impacts.sizes["impact"])):
-        largest, u, sampling = (float(impacts[n][i]) for n in ("peak_radius", "u_peak_radius", "peak_sampling"))
+    for i, (largest, u) in enumerate(
+        zip(*(n[:IMPACTS].tolist() for n in largest_radii(impacts, comparison)), strict=True)
+    ):
+        is_fitted = u != float(impacts["u_peak_radius"][i])
+        sampling = 0.0 if is_fitted else float(impacts["peak_sampling"][i])
         errors = {"noise": excess_uncertainty(u, total * largest, sampling), "sampling": sampling}
         errors |= {n: share * largest for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
         inputs = {MEASURED: Input(largest / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px")}

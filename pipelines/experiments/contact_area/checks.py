@@ -13,7 +13,7 @@ from labpipe.judging import DOUBTFUL, Cause, Check, Level, bounded, compared, in
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, rows
+from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, largest_radii, rows
 from pipelines.experiments.contact_area.measured import READ, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
@@ -79,7 +79,7 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     radius, impacts, sphere = given.get("radius"), given.get("impacts"), settings.sphere
-    _, checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
+    checks = of_film(context, settings, radius, _FAILED, {"region": "region"})
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
@@ -132,11 +132,21 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
     if fringes and isfinite(ratio):
         u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
         u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
-        message = (
-            f"{film}: radius times wavelength is {100 * (1 / ratio - 1):+.2g} % from the stated values by the fringes, "
-            f"or else a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
+        apart = f"{100 * (1 / ratio - 1):.1f} %"
+        found = compared(
+            FRINGE,
+            f"{film}: fringe spacing agrees with sphere, wavelength and scale (difference {apart})",
+            ratio,
+            u_ratio,
+            1.0,
+            u,
+            file=film,
         )
-        yield compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=film)
+        message = (
+            f"{film}: by the spacing of the fringes radius times wavelength differs by {apart} from the stated values, "
+            f"or a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
+        )
+        yield replace(found, message=message) if found.level else found
     message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
@@ -153,17 +163,19 @@ def _like(name: str, message: str, ratio: float, allowed: float, u: float, file:
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
 
-def _like_model(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
+def _like_model(
+    impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None
+) -> Check:
     if model is None or not model.sizes["impact"]:
         return not_made(RADIUS, "a model of the drop")
-    seen, expected = float(impacts["peak_radius"][0]), float(model["peak_contact_radius"][0])
+    seen, expected = float(largest_radii(impacts, comparison)[0][0]), float(model["peak_contact_radius"][0])
     message = f"{settings.film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
     allowed, u = _LIKE_MODEL
     return _like(RADIUS, message, seen / expected, allowed, u, settings.film)
 
 
-def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    a, u = impacts["peak_radius"].values, impacts["u_peak_radius"].values
+def _order(impacts: xr.Dataset, settings: ContactArea, comparison: xr.Dataset | None = None) -> Check:
+    a, u = largest_radii(impacts, comparison)
     if a.size < 2:
         return not_made(ORDER, "two impacts")
     rise, own = np.diff(a), np.hypot(u[1:], u[:-1])

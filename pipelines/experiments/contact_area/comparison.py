@@ -77,13 +77,14 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a, random, shared = (radius[name].values for name in ("time", "radius", "u_radius", "radius_systematic"))
     seen = radius["in_contact"].values.astype(bool) & np.isfinite(a)
+    alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     points, of_impact, agreed = [np.empty((5, 0))], np.empty((count, 6)), list[Agreement | None]()
     for i in range(count):
         form, since = Form.of(model, i), time - float(impacts["peak_time"][i])
         begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
         inside = seen & (np.abs(since) < WINDOW) & (time >= begin) & (time <= end)
         ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + form.peak
-        fit = _fit(moments, ours, own, common, form)
+        fit = _fit(moments, ours, own, alike, form)
         moments = moments + np.nan_to_num(fit[2])
         theirs = form(moments)
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
@@ -98,7 +99,6 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         np.where(np.isfinite(fitted), largest * fitted, impacts[name].values[:count])
         for fitted, name in ((size, "peak_radius"), (u_size, "u_peak_radius"))
     )
-    alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     number, since_peak, film, u_film, simulated = np.concatenate(points, axis=1)
     gap = ("impact", ours - largest, np.hypot(u_ours, u_largest), "m", "largest radius, film minus model")
@@ -131,7 +131,7 @@ def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: For
     return along_curve(left, random, effects)
 
 
-def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, ...]:
+def _fit(time: Floats, radius: Floats, random: Floats, alike: float, form: Form) -> tuple[float, ...]:
     """Fit size (relative), shift [s] and duration of a model's contact; return the first two with their u, or NaN."""
     if time.size < _FEWEST:
         return (np.nan,) * 4
@@ -153,9 +153,20 @@ def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: For
         return (np.nan,) * 4
     scatter = max(2.0 * float(found.cost) / (time.size - found.x.size), 1.0)
     normal = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True)
-    common = float(np.mean(shared / np.maximum(radius, 1e-12)))
     u_size, u_shift = np.sqrt(scatter * np.diagonal(normal)[:2])
-    return float(size), float(np.hypot(u_size, size * common)), float(shift * step), float(u_shift * step)
+    return float(size), float(np.hypot(u_size, size * alike)), float(shift * step), float(u_shift * step)
+
+
+def largest_radii(impacts: xr.Dataset, comparison: xr.Dataset | None = None) -> tuple[Floats, Floats]:
+    """Return the largest radii (impact,) [m] of a film and their u: by all frames of a contact where a model is there.
+
+    Else by a polynomial through the frames around the largest, which a contact of five frames determines poorly.
+    """
+    found, u = (impacts[name].values.copy() for name in ("peak_radius", "u_peak_radius"))
+    if comparison is not None:
+        count = comparison.sizes["impact"]
+        found[:count], u[:count] = (comparison[f"{of}peak_radius_film"].values for of in ("", "u_"))
+    return found, u
 
 
 def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:

@@ -54,10 +54,13 @@ KIND = Kind(
     settings=ContactArea,
     stages=_STAGES,
     schemas=(DROP,),
-    key_numbers=(KeyNumber("largest contact radius", "m", "impacts", "peak_radius"),),
+    key_numbers=(
+        KeyNumber("largest contact radius", "m", "impacts", "peak_radius"),
+        KeyNumber("largest contact radius", "m", "comparison", "peak_radius_film"),  # where there is a model
+    ),
     picture=Picture("radius", "time", "radius", is_first=True),
     rows=derived("contact_area.comparison:rows", "comparison model"),
-    budget=derived("contact_area.budget:quantities", "impacts radius model"),
+    budget=derived("contact_area.budget:quantities", "impacts radius model comparison"),
     film="pipelines.experiments.contact_area.page:film",
     body="sphere",
     evidence=derived("contact_area.evidence:evidence", f"radius impacts other:plate_from/plate {solid_of('sphere')}"),

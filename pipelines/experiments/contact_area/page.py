@@ -16,7 +16,7 @@ from pipelines.experiments.contact_area.measured import OPEN_GAP, with_circles
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
-from pipelines.experiments.shared.drop_model import linear_range_rows
+from pipelines.experiments.shared.drop_model import linear_range_rows, simulated
 from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
@@ -27,10 +27,7 @@ _METHODS = {
         "fringe fit",
         "by fitting the interference phase of Hertz's gap to the first fringes, with the exposure's smear modelled",
     ),
-    5: (
-        "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
-        "by the same fit with the width of the gap left free",
-    ),
+    5: ("fringe fit, gap width free", "by the same fit with the width of the gap left free"),
     2: ("edge", "from the edge of the dark spot"),
     3: ("interpolation between equal frames at rest", "at rest by interpolation between equal frames"),
     4: ("contact fills the view (no radius)", ""),
@@ -153,7 +150,9 @@ def _over_time(
         "standard uncertainty."
     )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
-    charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
+    charts: list[Block] = [
+        LineChart(*labels, tuple(curves), group=_GROUP, views=views, opens_on_view=True, caption=caption)
+    ]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts += _around(comparison, model)
         charts += pages.limits_of(model)
@@ -183,7 +182,7 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset) -> Section:
+def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
     used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code] and text]
@@ -195,7 +194,10 @@ def _methods(settings: ContactArea, radius: xr.Dataset) -> Section:
             f". The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
             "contact with the same gap around it, whether the surfaces stick or not"
         )
-    return pages.methods(f"{text}.", settings)
+    text += ". "
+    if model is not None:
+        text += simulated(settings, model)
+    return pages.methods(text.strip(), settings)
 
 
 page = Report(

@@ -47,5 +47,7 @@ def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iter
         value, u = float(comparison[name]), float(comparison[f"u_{name}"])
         if not isfinite(value):
             continue
+        if name == "bias":
+            u = excess_uncertainty(u, of_film * film, of_laser * laser)
         own = {MEASURED: Input(value, 0.0, unit), "noise": Input(0.0, u, unit)}
         yield Quantity(title, unit, model, own | scales)

@@ -12,7 +12,6 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
@@ -28,7 +27,6 @@ _STEP = 0.02  # of the usual interval between frames, by which others may differ
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
-_MOSTLY = 0.5  # of the frames that have no value for one reason
 _GROWS, _IN_NOISE = 2e-3, 10.0
 """Least relative jump of the image's size, and the same in standard deviations of noise."""
 _STAYS = 5  # frames for which a size that has changed remains
@@ -61,10 +59,10 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
     track, motion = given.get("track"), given.get("motion")
-    whole, checks = of_film(context, settings, track, _FAILED, _MENDS)
+    checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        checks += _of_frames(track, whole, settings)
+        checks += _of_frames(track, settings)
     checks += given.each((_times, _fall))
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
@@ -93,20 +91,14 @@ def _fall(
     ]
 
 
-def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iterator[Check]:
+def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
     """Evaluate the frames of the film, their light and order."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
-    status = statuses(track) if "status" in track else np.full(frame.size, "ok")
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
-    cause, setting = f"{cause}on the holder", "tracking.body"
-    if whole.level:
-        cause, setting = whole.cause, ""
-    elif np.mean(status == "saturated") > _MOSTLY:
-        cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
-    yield stated(FOUND, message, level, cause=cause, setting=setting)
+    yield stated(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
     yield _steady(track, film)
     yield _unbroken(track, film)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver

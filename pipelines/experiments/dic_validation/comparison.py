@@ -41,7 +41,8 @@ def comparison(
     both = np.isfinite(film.values) & np.isfinite(seen.values)
     film, seen = film[both], seen[both]
     agreed = signals.agreement(film.values, seen.values)
-    expected = float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0)))
+    scales = [one.attrs.get("u_systematic_relative", 0.0) for one in (motion, laser)]
+    expected, scaled = float(np.hypot(*scales)), scales * np.array([film.values.mean(), seen.values.mean()])
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
     level = "over the height of first contact"
     made = apart(film, seen.values).assign(
@@ -50,7 +51,9 @@ def comparison(
             "film": variable("time", film.values, "m", f"film, {level}"),
             "laser": variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
         }
-        | with_u("bias", (), agreed.bias, agreed.u_bias, "m", "mean of film minus laser")
+        | with_u(
+            "bias", (), agreed.bias, float(np.linalg.norm([agreed.u_bias, *scaled])), "m", "mean of film minus laser"
+        )
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
     pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")

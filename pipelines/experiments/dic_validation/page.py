@@ -160,7 +160,8 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
     size = int(track["subset"][0])
     text = (
         "The holder's motion was measured by digital image correlation (zero-normalised sum of squared differences, "
-        f"inverse-compositional Gauss–Newton, one rigid subset of {size} px, B-spline interpolation of order 5) "
+        "inverse-compositional Gauss–Newton, Pan et al. 2013, doi:10.1007/s11340-013-9717-6; "
+        f"one rigid subset of {size} px, B-spline interpolation of order 5) "
         f"and scaled with the calibration of the view “{settings.view}”."
     )
     if comparison is not None:

@@ -30,7 +30,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.judgements import with_minus
+from pipelines.experiments.shared.judgements import capitalised, with_minus
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -68,7 +68,7 @@ def _summary(
         remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
         rows += [
-            ("reference temperature", with_minus(f"{float(curve['T_ref']):.1f} °C"), ""),
+            ("reference temperature", with_minus(f"{float(curve['T_ref']):.4g} °C"), ""),
             ("covered frequencies", " to ".join(number(float(frequency[i]), 2) for i in (0, -1)) + " Hz", decades),
             _end(curve, "relaxed"),
             _end(curve, "unrelaxed"),
@@ -96,9 +96,9 @@ def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str,
         return f"{name} modulus", pages.told(curve, f"{name}_modulus"), origin
     order = np.argsort(curve["reduced_frequency"].values)
     last = quantity(float(curve["master_storage"][int(order[at])]), "Pa", 4)
-    bound, may = (f"0 to {last}", "fall to zero") if is_slow else (f"{last} at least", "rise")
-    series = f"the series' {quantity(float(curve[f'E_{name}']), 'Pa', 4)} is extrapolated"
-    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus may still {may}: {series}"
+    bound = f"0 to {last}" if is_slow else f"{last} at least"
+    beyond = f"{quantity(float(curve[f'E_{name}']), 'Pa', 4)}, used in simulations, is an extrapolation"
+    return f"{name} modulus", bound, f"{when}; no plateau was reached: {beyond}"
 
 
 def _celsius(T: Floats) -> str:
@@ -195,6 +195,8 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
     """Write the parameters of a law, and how well it describes the shifts."""
 
     def shown(name: str, scale: float = 1.0) -> str:
+        if not ShiftLaw.of(law).holds:  # an uncertainty would claim that it does
+            return number(law[name] / scale, 3)
         return value_with_uncertainty(law[name] / scale, (law[f"u_{name}"] or 0.0) / scale)
 
     text = "WLF, a straight line over temperature"
@@ -204,7 +206,7 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
         text = f"WLF, C₁ = {shown('C1')}, C₂ = {shown('C2')} K"
     if not law["freedom"] or not law["chi_square"]:
         return text, ""
-    fits = f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}"
+    fits = f"χ² / degrees of freedom = {number(law['chi_square'] / law['freedom'], 3)}"
     return text, fits if ShiftLaw.of(law).holds else f"{fits}: does not hold"
 
 
@@ -291,10 +293,11 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         shifts = f"the shifts followed the {_LAWS[asked]} law"
     text += (
         "The isotherms were joined by time–temperature superposition in one fit of all horizontal shifts and one "
-        "non-negative relaxation spectrum to both moduli (variable projection, regularisation by generalised "
-        f"cross-validation); {shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
+        "non-negative relaxation spectrum to both moduli (variable projection, Golub and Pereyra 2003, "
+        "doi:10.1088/0266-5611/19/2/201; regularisation by generalised cross-validation); "
+        f"{shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
         f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. "
-        f"{_law_row(json.loads(master_curve.attrs['law']))[1]}. "
+        f"{capitalised(_law_row(json.loads(master_curve.attrs['law']))[1])}. "
         "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*missed)
     )
     return pages.methods(text, settings)

@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe.signals import nrmse
 from labpipe.variables import variable, with_u
-from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import (
@@ -23,6 +23,8 @@ from pipelines.experiments.shared.comparison_rows import (
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.punch_model import laid_along
 
+_PARTS = 12  # of a cycle, in which it is laid against the model
+
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     """Lay the simulated force, filtered as the cell filters, over the measured one."""
@@ -31,12 +33,17 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
     error, bias, agreed = [], [], []
     measured, simulated = loads["force"].values, mach1_readings.passed(loads, model["force"].values)
-    for i, stretched in enumerate(phases(loads, oscillations)):
-        where, used = evaluated(loads, oscillations.isel(oscillation=i))
-        passed, force = simulated[where], measured[where]
-        error.append(nrmse(force[used], passed[used]))
-        bias.append(float(np.mean(force[used] - passed[used])))
-        agreed.append(laid_along(loads, measured, simulated, stretched, model))
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where, used = evaluated(loads, at)
+        samples = where.start + np.flatnonzero(used)
+        passed, force = simulated[samples], measured[samples]
+        error.append(nrmse(force, passed))
+        bias.append(float(np.mean(force - passed)))
+        cycles = (loads["time"].values[samples] - float(at["begin"])) * float(at["frequency"])
+        part = np.floor(_PARTS * (cycles % 1.0))
+        places = [samples[part == number] for number in range(_PARTS)]
+        agreed.append(laid_along(loads, measured, simulated, places, model))
     table: dict[str, Any] = {
         "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
         "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),

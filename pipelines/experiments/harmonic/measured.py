@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import signals
 from labpipe.arrays import Complexes, Flags, Floats
@@ -17,7 +16,6 @@ from pipelines.experiments.shared import mach1_readings
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
 _WAVES = 3  # of a Fourier series: the fundamental and two harmonics
-_PARTS_OF_A_CYCLE = 12  # in which a mean cycle is laid against the model
 _CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
 COLUMNS = {
     "storage_stiffness": ("N/m", "storage stiffness"),
@@ -52,19 +50,6 @@ def evaluated(loads: xr.Dataset, oscillation: xr.Dataset) -> tuple[slice, Flags]
     rows = mach1_readings.rows(loads, int(oscillation["block"]))
     time = loads["time"].values[rows]
     return rows, (time >= float(oscillation["begin"])) & (time <= float(oscillation["end"]))
-
-
-def phases(loads: xr.Dataset, oscillations: xr.Dataset) -> list[list[NDArray[np.int64]]]:
-    """Return the samples in each of twelve parts of a cycle, of all evaluated cycles of each."""
-    found = []
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where, used = evaluated(loads, at)
-        samples = np.arange(loads.sizes["sample"])[where][used]
-        cycles = (loads["time"].values[samples] - float(at["begin"])) * float(at["frequency"])
-        part = np.floor(_PARTS_OF_A_CYCLE * (cycles % 1.0)).astype(np.int64)
-        found.append([samples[part == number] for number in range(_PARTS_OF_A_CYCLE)])
-    return found
 
 
 def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:

@@ -172,5 +172,5 @@ def theory(
     ):
         if where.any():
             shown = ", ".join(f"{f:.3g}" for f in frequency[where])
-            warnings.warn(f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=2)
+            warnings.warn(f"{label} at {shown} Hz: thesis eq. (2.31) is an extrapolation there", stacklevel=2)
     return made

@@ -105,8 +105,8 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None, theory
         caption = "Bars are standard uncertainties."
         if name == "work_per_cycle" and theory is not None:
             limit = theory["dissipated_work"].values[order] * factor
-            series.append(Series("eq. (2.31)", frequency[order], limit, role="reference"))
-            caption += " Eq. (2.31) is the limit of small amplitudes."
+            series.append(Series("thesis eq. (2.31)", frequency[order], limit, role="reference"))
+            caption += " Thesis eq. (2.31) is the limit of small amplitudes."
         shape = (title, "frequency / Hz", f"{title.lower()} / {unit}", tuple(series))
         charts.append(LineChart(*shape, x_scale="log", height_px=260, caption=caption))
     if theory is not None:
@@ -116,7 +116,7 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None, theory
             for route, by in (("", "fit"), ("fourier_", "Fourier"))
         ]
         caption = (
-            "Stiffness over that of the contact per modulus, eq. (2.24), at the mean indentation: by the fitted "
+            "Stiffness over that of the contact per modulus, thesis eq. (2.24), at the mean indentation: by the fitted "
             "sinusoids, and by the Fourier components of force and displacement over whole cycles."
         )
         charts.append(listed([Listed("frequency / Hz", frequency.tolist(), digits=5), *moduli], caption))
@@ -132,15 +132,16 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
         pages.plain(theory, "dimensionless_frequency", "f τ₀"),
         pages.plain(theory, "dimensionless_amplitude", "α/R"),
         pages.column(theory, "dimensionless_work_measured", "W/(E λ R d), measured"),
-        pages.column(theory, "dimensionless_work_theory", "by eq. (2.31)"),
+        pages.column(theory, "dimensionless_work_theory", "by thesis eq. (2.31)"),
         pages.column(theory, "tapping_amplitude", "tapping front"),
         *([pages.column(loops, "least_force", "least force")] if loops is not None else []),
         *([pages.plain(loops, "contact_loss", "contact lost / %", 100)] if loops is not None else []),
     )
     caption = (
-        f"τ₀ = {number(float(theory['characteristic_time']), 3)} s, E the relaxed modulus (E λ R d = "
-        f"{float(theory['work_scale']):.4g} J). Contact is lost where the mean loop's force does not exceed twice its "
-        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front (2.34)."
+        f"f: frequency; τ₀ = {number(float(theory['characteristic_time']), 3)} s (thesis eq. 2.38); α: amplitude; R: "
+        "tip radius; W: work per cycle; E: relaxed modulus; λ: period; d: length of the contact; E λ R d = "
+        f"{float(theory['work_scale']):.4g} J. Contact is lost where the mean loop's force does not exceed twice its "
+        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front (thesis eq. 2.34)."
     )
     return Section("Dissipation and detachment", (listed(columns, caption),))
 
@@ -182,7 +183,7 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
         text += "The delay of the load cell's low-pass filter was removed (causal Butterworth). "
     text += (
         "Storage and loss stiffness are the in-phase and quadrature parts of force over displacement; the dissipated "
-        "work per cycle is π times the loss stiffness times the squared amplitude. "
+        "work per cycle is π times the loss stiffness times the squared amplitude (thesis eq. 2.31). "
     )
     if comparison is not None:
         text += simulated_by(comparison["nrmse"].values)

@@ -63,7 +63,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
             row[f"nrmse_{part}"] = float(np.sqrt(np.mean(there**2))) / extent if there.size else np.nan
             row[f"bias_{part}"] = float(there.mean()) if there.size else np.nan
         rows.append(row)
-        slopes.append(common["slope"].values[:, inside][:, late].mean(axis=1))
+        slopes.append(common["slope"].values[:, inside][:, late].mean(axis=1, dtype=float))
         spans["early"] = (end + _FIRST * (until - end), until)
         known: dict[str, Agreement | None] = {}
         for part, span in spans.items():

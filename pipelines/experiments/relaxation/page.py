@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed
+from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed, quantity
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.measured import samples
@@ -35,6 +35,10 @@ def _details(
     ):
         if tests is not None and name in tests and np.isfinite(float(tests[name])) and not rows:
             rows.append((title, pages.told(tests, name), remark))
+    if ramps:
+        begin, end, last = (float(ramps[0][name][0]) for name in ("begin", "end", "last"))
+        until = quantity(np.sqrt((end - begin) * (last - end)), "s", 2)
+        rows.append(("parts of the hold", "early, late", f"up to {until} after the ramp, and from then on"))
     lost = {str(ramp.attrs["contact"]) for ramp in ramps or () if not np.isfinite(float(ramp["contact_position"]))}
     return [*rows, *(("first touch", "not found", reason) for reason in sorted(lost)), *without_model(settings)]
 
@@ -56,7 +60,7 @@ def _tests(tests: xr.Dataset, curves: Sequence[xr.Dataset] = ()) -> Section:
     caption = (
         "The peak is as recorded, behind the load cell's filter if it has one; the plateau is the mean over the end of "
         "the hold, its reduced modulus E/(1 − ν²) that over the elastic force of a unit modulus at the same depth "
-        "(eq. 2.17 inverted, for the punch's own profile)."
+        "(thesis eq. 2.17 inverted, for the punch's own profile)."
     )
     missing = dict.fromkeys(f"{curve.attrs['absent']}." for curve in curves if "absent" in curve.attrs)
     return Section("Tests", (listed(columns, caption), *(Notice("info", text) for text in missing)))
@@ -123,8 +127,8 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
     if "mean_reduced_modulus" in tests:
         shown = pages.told(tests, "mean_reduced_modulus")
         text += (
-            "The relaxed reduced modulus, from the plateau and the elastic force at the measured "
-            f"depth, is {shown} (standard uncertainty). "
+            "The relaxed reduced modulus, from the plateau and the elastic force at the measured depth (thesis "
+            f"eq. 2.17), is {shown} (standard uncertainty). "
         )
     if "nrmse_all" in tests:
         text += simulated_by(tests["nrmse_all"].values)

@@ -37,7 +37,10 @@ def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Sect
         found = [(each, budget, monte_carlo(each.model, each.inputs, draws=2000)) for each, budget in known]
         shares = [f"{shown_source(b.rows[0]['source'])}, {100.0 * b.rows[0]['share']:.0f} %" for _, b in known]
         caption = "After the GUM; repeats are type A with Student's quantile. To see which input to measure better: "
-        lines = overview(found, "largest source", shares, f"{caption}labpipe sensitivity SESSION {context.experiment}.")
+        caption += f"labpipe sensitivity SESSION {context.experiment}."
+        if any("mode_" in name for each, _ in known for name in each.inputs):
+            caption += " Modes of a DMA are independent combinations of the errors of its spectrum, each of size 1."
+        lines = overview(found, "largest source", shares, caption)
         tables = [(each, [row for row in budget.rows if row["u"] > 0.0]) for each, budget in known]
         folded = [Details(each.name, budget_table(rows, each.name, each.unit)) for each, rows in tables]
         return Section("Uncertainty budgets", [lines, *folded] if known else [])

@@ -19,9 +19,16 @@ from labpipe.report import quantity, value_with_uncertainty
 from labpipe.uncertainty import Row, Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
-from pipelines.experiments.shared.counter_body import OF_PLATE, counter_body_of, modulus_of, plate_inputs, resolve_plate
+from pipelines.experiments.shared.counter_body import (
+    OF_PLATE,
+    counter_body_of,
+    described_flat,
+    modulus_of,
+    plate_inputs,
+    resolve_plate,
+)
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
-from pipelines.experiments.shared.model_inputs import table_of
+from pipelines.experiments.shared.model_inputs import inputs_of, table_of
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.settings import Sphere
 
@@ -184,6 +191,27 @@ def linear_range(
     return found | {"rate": rate, "onset": onset, "u_onset": u_onset, "beyond": beyond}
 
 
+def described_plate(model: xr.Dataset) -> str:
+    """Write modal mass, frequency and damping ratio of the plate under a simulated drop; empty where it stays at rest.
+
+    ``"(30.04 ± 0.35) kg, (180.22 ± 0.20) Hz, damping ratio 0.0203 ± 0.0011"``
+    """
+    given, parts = inputs_of(model), {"mass": "", "frequency": "", "damping_ratio": "damping ratio "}
+    plate = {part: given.get(f"{OF_PLATE}{part}") for part in parts}
+    return ", ".join(parts[p] + value_with_uncertainty(*one[:2], one.si) for p, one in plate.items() if one is not None)
+
+
+def simulated(settings: Any, model: xr.Dataset) -> str:
+    """Write for a manuscript how a drop was simulated."""
+    plate, sphere = described_plate(model), settings.sphere
+    under = f"{described_flat(settings.counter_body)}{plate and f' and a plate of {plate}'}"
+    return (
+        f"The drop on {under} was simulated with the material “{sphere.source}” by the method of dimensionality "
+        f"reduction (Popov and Heß 2015, doi:10.1007/978-3-642-53876-6; profile: {settings.model.profile}, tolerance "
+        f"{settings.model.rtol:g}). "
+    )
+
+
 def linear_range_rows(model: xr.Dataset) -> list[tuple[str, str, str]]:
     """Return pressure and strain of the first impact for a page, and whether linear viscoelasticity holds there."""
     known = json.loads(model.attrs.get("linear_range", "{}"))
@@ -195,8 +223,8 @@ def linear_range_rows(model: xr.Dataset) -> list[tuple[str, str, str]]:
         likely = "probably " * (abs(known["pressure"] - known["onset"]) < 2.0 * known["u_onset"])
         which = "the first impact" if known["beyond"] == 1 else f"the first {known['beyond']} impacts"
         ends = f"ends in {which}, and the model leaves out the losses by yield" if known["beyond"] else "holds"
-        remark = f"{known['material']} begins to yield at 1.6 Y = {limit} (at {known['rate']:.2g} 1/s), from a fall of "
-        remark += f"some {fall} on: linear viscoelasticity {likely}{ends}"
+        remark = f"{known['material']} begins to yield at 1.6 Y = {limit} (at a strain rate of {known['rate']:.2g} s⁻¹)"
+        remark += f", from a fall of some {fall} on: linear viscoelasticity {likely}{ends}"
     of_sweeps = "the strain of the sweeps is not known"
     if (sweeps := known["sweeps"]) is not None:
         beyond = "; that the moduli are linear beyond is assumed" * (sweeps < known["strain"])

@@ -23,7 +23,9 @@ G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration 
 _DIRECTION, _RESTITUTION = "direction of the fall", "coefficients of restitution"
 OF_FALL: Titles = {
     "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, _DIRECTION)),
-    "order of the bounces": Title("0 < e < 1: every rebound is lower than the one before.", (_RESTITUTION,)),
+    "order of the bounces": Title(
+        "0 < e < 1: every rebound is lower than the one before, unless the plate vibrates.", (_RESTITUTION,)
+    ),
 }
 """Checks of every fall."""
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
@@ -80,7 +82,7 @@ def height(fall: Fall, given: Quantity) -> Check:
     seen, own = fall.value("drop_height")
     u, u_given = hypot(own, seen * fall.relative), given.u or usual_uncertainty(given)
     assumed = "" if given.u else f", without ±: {quantity(u_given, 'm', 1)} is assumed"
-    text = f"{fall.name}: the body fell {shown(seen, u, 'm')}, stated are {shown(*given)}{assumed}"
+    text = f"{fall.name}: the body fell {shown(seen, u, 'm')}, the stated height is {shown(*given)}{assumed}"
     return compared(HEIGHT, text, seen, u, given.value, u_given, setting="height", recording=fall.name)
 
 
@@ -103,6 +105,8 @@ def restitution(fall: Fall) -> Check:
     beyond = np.where(known, (np.abs(held - 0.5) - 0.5) / np.where(u > 0, u, 1.0), -np.inf)
     worst = int(np.argmax(beyond))
     text = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
+    if values[worst] > 1.0 and returned[worst] > 0.0:
+        text += f", at most {1.0 + returned[worst]:.2g} where a vibrating plate returns speed"
     cause = BACKWARDS if beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5 else _MOVED
     place: dict[str, Any] = {"at_least": 0.0, "at_most": 1.0, "file": fall.name, "cause": cause}
     return bounded(_RESTITUTION, text, float(held[worst]), float(u[worst]), **place)
@@ -156,9 +160,11 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
             worst = int(np.argmax(np.abs(values - centre) / scale))
         seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
         others = shown(float(np.median(np.delete(values, worst))), own, unit)
-        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}; they may differ by {100 * ordinary:g} %"
+        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}; allowed scatter {100 * ordinary:g} %"
         place: dict[str, Any] = {"allowance": ordinary * size, "factor": False, "file": file, "cause": cause}
         check = compared(name, text, seen, float(scale[worst]), centre, u_centre, **place)
+        if check.level:
+            check = replace(check, message=f"{text}; all repeats are in the means")
         if len(falls) == 2 and check.level:  # which of them is right nobody knows, nor how much a body scatters
             level = "doubtful" if abs(seen - centre) < _BY_HAND * least else check.level
             check = replace(check, level=level, cause=f"either of the two files may be the one: {cause}")

@@ -41,8 +41,8 @@ _BESIDE = np.arange(-2, 3)
 
 def of_film(
     context: Context, settings: Any, found: xr.Dataset | None, causes: Mapping[str, str], mends: Mapping[str, str]
-) -> tuple[Check, list[Check]]:
-    """Return whether a film is whole, and its steps that failed and the grey levels of its frames as checks.
+) -> list[Check]:
+    """Evaluate the steps that failed, and whether a film is whole and its grey levels are not cut off.
 
     ``found`` is what was measured in its frames; ``causes`` and ``mends`` are those of failed steps.
     """
@@ -50,14 +50,14 @@ def of_film(
     warned = (w.text for w in context.warnings if w.category == IncompleteFilmWarning.__name__)
     text = next(warned, "").removeprefix(f"{Path(film).name}: ")
     level: Level | None = "note" if text else None
-    message = f"{film}: {text or 'no frame is missing in the file'}"
+    message = f"{film}: {text or 'the file is complete'}"
     whole = stated("whole film", message, level, cause=_NOT_WHOLE, file=film)
     checks = []
     for failed in failed_steps(context, {**CAUSES, **causes}, mends):
         # what fails on a film that is not whole has that cause, where nothing better is known
         is_known = failed.setting or failed.cause in CAUSES.values() or failed.level != "impossible"
         checks.append(failed if is_known or not text else replace(failed, cause=_NOT_WHOLE))
-    return whole, checks if found is None else [*checks, whole, exposed(found, film)]
+    return checks if found is None else [*checks, whole, exposed(found, film)]
 
 
 def repeated(film: FrameSource, is_seen: Flags) -> list[int]:

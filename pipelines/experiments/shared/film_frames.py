@@ -169,9 +169,7 @@ def _header_lines(header: Any) -> list[str]:
 def jpeg(image: NDArray[np.uint8], quality: int = _QUALITIES[0]) -> bytes:
     """Encode a grey or colour (BGR) image; half the colour resolution would blur a thin coloured circle."""
     sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-    is_done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])
-    if not is_done:
-        raise InputError(f"an image of shape {image.shape} cannot be written as JPEG")
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])
     return data.tobytes()
 
 

@@ -139,15 +139,11 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     order = _order_of_columns(blocks)
     if order.level is not None:
         return [order]
+    lost = _lost(blocks)
     found = [order, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks)]
-    return [
-        *found,
-        *_alignment(blocks),
-        _saturation(blocks),
-        _capacity_of_cell(blocks),
-        _left_out(blocks),
-        _lost(blocks),
-    ]
+    found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
+    found += [*_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks)]
+    return [*found, _left_out(blocks), lost]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:

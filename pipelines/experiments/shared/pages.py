@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from labpipe.installation import __version__
 from labpipe.report import (
     Band,
     Block,
@@ -163,13 +164,17 @@ def _problems(context: Context) -> Section:
     blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
     if missing := ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence)):
         blocks.append(Notice("info" if own else "error", f"Not made without what failed before: {missing}."))
-    alike: dict[tuple[str, str], list[Warned]] = {}
+    alike: dict[str, list[Warned]] = {}
     for warned in context.warnings:
-        alike.setdefault((warned.stage, warned.text), []).append(warned)
-    for (stage, text), group in alike.items():
-        names, total = ", ".join(w.recording for w in group if w.recording), sum(w.count for w in group)
+        alike.setdefault(warned.text, []).append(warned)
+    for text, group in alike.items():
+        stages, names = (
+            ", ".join(dict.fromkeys(filter(None, each)))
+            for each in zip(*((w.stage, w.recording) for w in group), strict=True)
+        )
+        total = sum(w.count for w in group)
         times = f" ({total} times)" if total > len(group) else ""
-        blocks.append(Notice("warning", f"{stage}{f' [{names}]' if names else ''}: {text}{times}"))
+        blocks.append(Notice("warning", f"{stages}{f' [{names}]' if names else ''}: {text}{times}"))
     return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
 
 
@@ -177,8 +182,14 @@ def _ledger(context: Context) -> Section:
     """Show the work done and skipped for this page, and for other experiments behind it."""
     columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
     rows = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
-    table = Table(columns, rows, caption="Counts of work; the same for the same inputs on every machine.")
-    return folded("Processing steps", counted(len(rows), "count"), (table,))
+    shown = [row for row in rows if row[-1] is not None or row[2].endswith("read")]
+    table = Table(
+        columns, shown, caption="What was read, and the work that was skipped because no result depends on it."
+    )
+    text = "\n".join(f"{name}/{step}: {work} {done}" for name, step, work, done, _ in rows)
+    return folded(
+        "Processing steps", counted(len(rows), "count"), (table, Details("All counters of the solvers", text=text))
+    )
 
 
 def _provenance(context: Context) -> Section:
@@ -261,7 +272,8 @@ def recordings(settings: Any, context: Context, readings: Any = None, displaceme
     rows = [("recordings", str(len(files)), files[0] if len(files) == 1 else "")]
     if read:
         first = read[0].attrs
-        rate = value_with_uncertainty(1 / float(first["sampling_interval"]), 0.0, "Hz")
+        every = float(first["sampling_interval"])
+        rate = value_with_uncertainty(1 / every, 0.0, "Hz") if every < 1.0 else f"every {every:g} s"
         layout = "layout of the file assumed, as none is public" * (first.get("layout") == "assumed")
         model = ", ".join(filter(None, (str(first.get("model", "")), layout)))
         rows.append(("instrument", str(first.get("instrument", "")), model))
@@ -295,7 +307,8 @@ def limits_of(model: xr.Dataset) -> tuple[Block, ...]:
 
 
 def methods(text: str, settings: Any) -> Section:
-    """Offer a paragraph for a manuscript, with the exclusions."""
+    """Offer a paragraph for a manuscript, with the exclusions and the version of labpipe."""
     if left_out := list(map(str, exclusions(settings))):
         text += f" Excluded were {'; '.join(left_out)}."
+    text = f"{text.strip()} Evaluated with labpipe {__version__}; uncertainties follow JCGM 100:2008 (GUM)."
     return folded("Methods text, to paste", "A paragraph for a manuscript", (Paragraph(text, copyable=True),))

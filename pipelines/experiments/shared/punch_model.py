@@ -186,5 +186,6 @@ def simulated(
     attrs = {key: str(made.attrs[key]) for key in ("solver", "datum")} | {"work": json.dumps(work)}
     text = "simulated force, before the cell's filter"
     found = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
-    found["slope"] = variable(("uncertain", "sample"), slope, "1", "change of the simulated force with an input, SI")
+    text = "change of the simulated force with an input, SI"
+    found["slope"] = variable(("uncertain", "sample"), slope.astype(np.float32), "1", text)
     return table_of({name: given for name, (given, _) in slopes.items()}).assign(found).assign_attrs(attrs)

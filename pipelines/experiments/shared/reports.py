@@ -61,7 +61,7 @@ def summary(
         cells = [
             (
                 ", ".join(filter(None, (row.quantity, row.material, row.condition))),
-                *row.texts,
+                *(text and text.replace(" ", "\N{NO-BREAK SPACE}") for text in row.texts),
                 row.deviation,
                 None if row.nrmse is None else 100 * row.nrmse,
                 row.p,

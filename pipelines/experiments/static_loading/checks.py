@@ -90,7 +90,7 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
     at, sizes = clear_steps(displacement)
     is_other = np.array([np.abs(steps["begin"].values - t).min() > near for t in at], bool)
     if not is_other.any():
-        text = f"{settings.laser}: {steps.sizes['load'] - 1} steps, one for each load that was added"
+        text = f"{settings.laser}: {steps.sizes['load']} loads, {steps.sizes['load'] - 1} steps between them"
         return stated(name, text, None, file=settings.laser)
     worst, least = int(np.argmax(np.where(is_other, sizes, -np.inf))), float(np.nanmin(steps["jump"].values))
     text = (

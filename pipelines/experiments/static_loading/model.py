@@ -82,12 +82,7 @@ def model(
     elapsed = compliance(solid, steps["elapsed"].values)
     table["compliance"] = variable("elapsed", elapsed, "1/Pa", "reduced creep compliance of sphere and disc")
     table["slope"] = variable(("uncertain", "time"), slope, "1", "relative change of the contact radius with an input")
+    coords = {"time": variable("time", time, "s", "time from the first point")}
+    result = table_of(inputs).assign(table).assign_coords(coords | {name: steps[name] for name in ("load", "elapsed")})
     budget = json.dumps(uncertainty.budget_rows(sources))
-    return (
-        table_of(inputs)
-        .assign(table)
-        .assign_coords(
-            time=variable("time", time, "s", "time from the first point"), load=steps["load"], elapsed=steps["elapsed"]
-        )
-        .assign_attrs(reference=reference, work=made.attrs["work"], budget=budget)
-    )  # reference: of Hertz's steps
+    return result.assign_attrs(reference=reference, work=made.attrs["work"], budget=budget)  # reference: of Hertz

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, LineChart, Listed, Section, Series, listed
+from labpipe.report import Band, LineChart, Listed, Section, Series, listed, quantity
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import described_flat
 from pipelines.experiments.shared.reports import Report, budgets, summary
@@ -33,7 +33,10 @@ def _details(
         remark = f"single readings, over the range of Hertz's radius, {comparison.attrs['reference']}"
         rows.append(("nRMSE of contact radius, Hertz", f"{error:.3g} %", remark))
     if steps is not None:
-        rows.append(("displacement at first touch", pages.told(steps, "touch"), "from the loads (Lee and Radok)"))
+        remark = (
+            f"± {quantity(float(steps['u_touch']), 'm', 2)} against the other readings; from the loads (Lee and Radok)"
+        )
+        rows.append(("displacement at first touch", quantity(float(steps["touch"]), "m", 4), remark))
         misfit, noise = (f"{float(steps[name]) * _UM:.2f} µm" for name in ("scatter", "noise"))
         rows.append(("misfit of the creep fit", misfit, f"noise of a reading: {noise}"))
     return rows
@@ -62,7 +65,7 @@ def _loads(
         Listed("load / kg", [load.mass.value for load in settings.loads]),
         Listed("found / min", (steps["begin"].values * _MIN).tolist()),
         pages.column(approach, "level_approach", "approach"),
-        pages.column(approach, "creep", "creep"),
+        pages.column(approach, "creep", "creep / µm", _UM),
     ]
     window, settle = settings.steps.window.value, settings.steps.settle.value
     caption = (
@@ -70,7 +73,7 @@ def _loads(
         "the load was applied, to the last."
     )
     if comparison is not None:
-        columns.append(pages.plain(comparison, "creep_model", "creep, model"))
+        columns.append(pages.plain(comparison, "creep_model", "creep, model / µm", _UM, digits=3))
         columns.append(pages.plain(comparison, "hertz_difference", "contact radius, measured − Hertz"))
         caption += f" Hertz with the {comparison.attrs['reference']} does not creep."
     return Section("Loads", (listed(columns, caption, sortable=False),))
@@ -100,7 +103,8 @@ def _methods(
         f"A sphere of {settings.sphere.radius.value * 1e3:g} mm radius was loaded on "
         f"{described_flat(settings.counter_body)} by {masses} kg at {begins} min. The displacement of the holder was "
         f"read by a laser every {float(np.median(np.diff(approach['time']))):.3g} s and corrected for its inclination. "
-        "The contact radius is √(R δ). The approach at first touch was fitted from the loads (Lee and Radok). "
+        "The contact radius is √(R δ). The approach at first touch was fitted from the loads (Lee and Radok 1960, "
+        "doi:10.1115/1.3644020). "
     )
     if comparison is not None:
         error = float(comparison["nrmse_contact_radius_model"]) * 100

@@ -24,7 +24,7 @@ def of_film(film: Film, scene: Scene = CAMERA) -> Score:
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*measured by the edge of the spot:UserWarning"),
-    pytest.mark.filterwarnings("ignore:.*(frames were dropped|recording pauses):UserWarning"),
+    pytest.mark.filterwarnings("ignore:.*(frames dropped|recorded in bursts|recording pauses):UserWarning"),
 ]
 
 

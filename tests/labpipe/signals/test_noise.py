@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._noise import estimate_noise, quantisation_step
+from labpipe.signals._noise import difference_sigma, estimate_noise, quantisation_step
 
 
 @pytest.fixture
@@ -15,6 +15,10 @@ def test_moving_average_is_seen_through(white, n_averaged):
     found = estimate_noise(noise)
     assert found.sigma == pytest.approx(1.0, rel=0.2)
     assert found.block >= n_averaged // 2
+
+
+def test_readings_that_hardly_change_have_no_noise_at_any_offset():
+    assert difference_sigma(np.repeat([0.37, 0.11, 0.37, 0.54], 50)) == 0.0
 
 
 def test_motion_is_not_noise(white):

@@ -1,9 +1,10 @@
-"""The compiled band solver against dense linear algebra."""
+"""The compiled loops against dense linear algebra and SciPy's B-splines."""
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
-from labpipe.signals._spline_kernel import DEGREE, solved
+from labpipe.signals._spline_kernel import DEGREE, expanded, followed, normal_equations, solved
 from tests.rounding import rounding
 
 
@@ -22,3 +23,26 @@ def test_solution_and_inverse_in_the_band_equal_the_dense_ones(n):
         np.testing.assert_allclose(inverse[: n - d, d], np.diag(exact, -d), atol=rounding(10 * n, np.abs(exact).max()))
     solved(negative, found, inverse)
     assert np.isnan(found[:n]).any()
+
+
+def test_normal_equations_and_derivatives_are_those_of_scipys_splines():
+    random = np.random.default_rng(0)
+    breaks = np.cumsum(random.uniform(0.5, 3.0, 12))
+    knots, first = np.pad(breaks, DEGREE, mode="edge"), np.arange(len(breaks) - 1)
+    basis, count = expanded(knots, first), len(knots) - DEGREE - 1
+    x, z, coefficients = np.sort(random.uniform(breaks[0], breaks[-1], 300)), *random.standard_normal((2, 300))
+    band = np.zeros((count, DEGREE + 1))
+    band[:, 0] = 4.0  # variances of coefficients that are not correlated
+    value, u = followed(breaks, basis, first, coefficients[:count], band, x, 3)
+    for order in range(4):
+        each = BSpline(knots, np.eye(count), DEGREE)(x, order)
+        np.testing.assert_allclose(value[order], each @ coefficients[:count], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(u[order], 2.0 * np.linalg.norm(each, axis=1), rtol=1e-9)
+    normal, rough, right = normal_equations(x, z, breaks, basis, first)
+    design = BSpline(knots, np.eye(count), DEGREE)(x)
+    np.testing.assert_allclose(right[:count], design.T @ z, atol=1e-9)
+    assert np.sum([np.trace(each) for each in normal]) == pytest.approx(np.sum(design**2), rel=1e-9)
+    spline, length = BSpline(knots, coefficients[:count], DEGREE), np.diff(breaks)
+    bend, tilt = (spline(0.5 * (breaks[1:] + breaks[:-1]), order) for order in (4, 5))
+    found = [np.sum((part @ coefficients[s : s + DEGREE + 1]) ** 2) for s, part in enumerate(rough)]
+    np.testing.assert_allclose(found, length * (bend**2 + (length * tilt) ** 2 / 12.0), rtol=1e-9)

@@ -135,7 +135,7 @@ def test_an_unreadable_input_is_the_reason_of_its_row(tmp_path: Path) -> None:
     session = toy.make_session(tmp_path)
     (tmp_path / "laser" / "r1.txt").unlink()
     found = not_cached(plan(session, toy.STAGES))
-    assert found["acrylic/read [laser/r1.txt]"].startswith("will run: laser/r1.txt: cannot be read")
+    assert found["acrylic/read [laser/r1.txt]"] == "will run: missing: laser/r1.txt (session.toml:6)"
     assert found["acrylic/read [laser/r2.txt]"] == "will run: never run"
     failed = {str(o.task): o.exit_code for o in run_here(session).failures}
     assert failed == {"acrylic/read [laser/r1.txt]": 3}

@@ -173,11 +173,11 @@ def written_place(finding: Finding) -> str:
 
 
 def noticed(result: xr.Dataset) -> str:
-    """Say in one line which error of each input the comparison would have shown.
+    """Say in one line which error of each input the comparison would have detected.
 
     Examples
     --------
-    ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Insensitive to: mass."``
+    ``"Smallest error of each input that this comparison would have detected (95 %): height 0.4 % · modulus 2.1 %."``
     """
     units, between = json.loads(result.attrs["units"]), f"{TIED}· "
     values = (result[name].values.tolist() for name in ("detectable", "detectable_error", "input"))
@@ -185,14 +185,14 @@ def noticed(result: xr.Dataset) -> str:
     for relative, error, name, unit in sorted(zip(*values, units, strict=True), key=lambda one: (isnan(one[0]), one)):
         # an input that is 0, such as a position, has no share, nor has a temperature in °C
         size = quantity(error, of_error(unit)) if isnan(relative) else f"{in_words(100 * relative, 2)} %"
-        if isfinite(error) and not relative >= 1.0:
+        is_possible = error < 273.15 if unit == "degC" else not relative >= 1.0  # K to the absolute zero
+        if isfinite(error) and is_possible:
             shown.append(f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}")
         else:
             none.append(shown_source(name))
-    said = f"Errors that would have shown: {between.join(shown) or f'none below 100{TIED}%'}."
-    if not (none and shown):
-        return said
-    return f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
+    said = f"Smallest error of each input that this comparison would have detected (95{TIED}%): "
+    said += f"{between.join(shown) or f'none below 100{TIED}%'}."
+    return said + f" No realistic error would be detected of: {between.join(none)}." * bool(none and shown)
 
 
 def believed(result: xr.Dataset) -> Judgement:

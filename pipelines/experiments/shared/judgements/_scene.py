@@ -47,7 +47,7 @@ COMMON: Titles = {
         ("uncertainty of", "mass of the falling body"),
     ),
     STEPS: Title(
-        "Every processing step and every experiment that is referred to gave a valid result.", ("step", "basis")
+        "Every processing step and every experiment that is referred to gave a valid result.", ("step", "input from")
     ),
 }
 """Checks of every kind."""
@@ -100,7 +100,7 @@ class Basis(NamedTuple):
                 text, cause = f"it rests on {name}, which is {word}", f"see {name} first"
                 reasons.append(text)
             is_sound &= word != "impossible"
-            checks[name] = stated(f"basis, {name}", text, "note" if cause else None, cause=cause)
+            checks[name] = stated(f"input from {name}", text, "note" if cause else None, cause=cause)
         return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop.comparison import comparison
 from pipelines.experiments.ball_drop.measured import repeats
-from pipelines.experiments.ball_drop.model import model
+from pipelines.experiments.ball_drop.model import model, path_by_input, path_limits
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.settings import Plate
 from pipelines.session import open_session, result
@@ -94,10 +94,15 @@ def test_the_path_moves_by_its_uncertainty_when_an_input_does(measured: Measured
     paths = [
         np.interp(since, one["time"] - float(one["impact_time"][0]), one["displacement"]) for one in (lower, upper)
     ]
-    found = np.interp(since, made["time"] - float(made["impact_time"][0]), made["u_displacement"])
+    own = np.linalg.norm([np.zeros(made.sizes["time"]), *path_by_input(made)], axis=0)
+    found = np.interp(since, made["time"] - float(made["impact_time"][0]), own)
     seen = 0.5 * np.abs(paths[1] - paths[0])
     assert np.sqrt(np.mean(np.square(found - seen))) < 0.03 * np.sqrt(np.mean(np.square(seen)))  # 0.015 was measured
-    assert np.nanmax(lower["u_displacement"]) < 1e-3 * found.max()
+    ends = [np.interp(since, made["time"] - float(made["impact_time"][0]), end) for end in path_limits(made, 1.0)]
+    for path in paths:
+        beyond = np.maximum(np.maximum(ends[0] - path, path - ends[1]), 0.0)
+        assert beyond.max() < 0.1 * seen.max()
+    assert ends[0].min() > (1.0 + 2.0 * 0.004) * float(made["displacement"].min())
 
 
 @pytest.mark.parametrize(

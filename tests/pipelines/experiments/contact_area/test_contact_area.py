@@ -86,16 +86,16 @@ def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
 
 def test_budgets_are_those_of_the_results(session: Path) -> None:
     found = quantities(session, "acrylic_film")
-    made, model = (result(session, "acrylic_film", stage) for stage in ("impacts", "model"))
+    made, model = (result(session, "acrylic_film", stage) for stage in ("comparison", "model"))
     for name, u in (
-        ("largest contact radius, impact 1", made["u_peak_radius"]),
+        ("largest contact radius, impact 1", made["u_peak_radius_film"]),
         ("largest contact radius of the model, impact 1", model["u_peak_contact_radius"]),
     ):
         budget = linear_budget(found[name].model, found[name].inputs)
         assert budget.u == pytest.approx(float(u[0]), rel=1e-3)
 
 
-@pytest.mark.filterwarnings("ignore:.*dropped by the camera")
+@pytest.mark.filterwarnings("ignore:.*recorded in bursts")
 def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> None:
     whole = result(session, "acrylic_film", "radius")
     settings = open_session(session).experiments["acrylic_film"].settings

@@ -14,7 +14,7 @@ from pipelines.rig.reference_drop import Floor
 from pipelines.rig.solids import specimen_of
 
 
-@pytest.mark.filterwarnings("ignore:.*(frames were dropped|R times wavelength):UserWarning")
+@pytest.mark.filterwarnings("ignore:.*(recorded in bursts|R times wavelength):UserWarning")
 @pytest.mark.parametrize("stated", [1.01, pytest.param(0.99, marks=pytest.mark.slow)])
 def test_a_wrong_ruler_is_no_phase_of_the_light(tmp_path: Path, stated: float) -> None:
     """Another phase explains the fringes nearly as well, and held the scale: of 1 % too long, 0.74 % were missed."""

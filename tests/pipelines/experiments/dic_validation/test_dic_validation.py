@@ -66,6 +66,7 @@ def test_film_and_laser_agree_within_the_calibrations(session: Path) -> None:
     assert float(found["nrmse"]) < 0.02
     allowed = 3 * float(np.hypot(found["u_displacement_ratio"], found["scale_uncertainty"]))
     assert abs(float(found["displacement_ratio"]) - 1) < allowed
+    assert float(found["u_bias"]) > 0.9 * abs(float(found["scale_uncertainty"] * found["film"].mean()))
     z = found["restitution_difference"] / found["u_restitution_difference"]
     assert np.all(np.abs(z) < 3.5)
 

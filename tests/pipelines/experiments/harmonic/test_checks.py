@@ -37,7 +37,7 @@ def test_a_clean_test_is_believed_and_its_stiffness_confirms_the_model(processed
     page = (processed_session / "labpipe/reports/nbr.html").read_text("utf-8")
     assert "The record is believable, and the model agrees with it; " in page
     assert re.search(r"The largest of \d+ deviations: [\w ]+ \([\d.]+ Hz\): \S+", page)
-    assert "Errors that would have shown: " in page
+    assert "Smallest error of each input that this comparison would have detected" in page
 
 
 def test_an_amplitude_near_the_mean_depth_is_no_mistake(processed_session: Path, tmp_path: Path) -> None:

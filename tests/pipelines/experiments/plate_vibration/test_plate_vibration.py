@@ -113,7 +113,7 @@ def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(session: Path, tmp
         ('plate_from = "plate"\n', 'plate_from = "plate"\n' + RIGID, "not both"),
         (f"{PTFE}_1.csv", "laser_plate/plate_acrylic_5mm_1.csv", "more than one"),
         (f"{PTFE}_1.csv", f"{PTFE}_7.csv", "no file"),
-        ('"ptfe_dma"', '"ptfe_drop"', r"drops\[1\].*no experiment"),
+        ('"ptfe_dma"', '"ptfe_drop"', r"drops no. 2.*no experiment"),
     ],
 )
 def test_mistakes_in_the_session_are_named(session: Path, tmp_path: Path, old: str, new: str, says: str) -> None:

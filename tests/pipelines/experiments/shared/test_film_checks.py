@@ -148,7 +148,7 @@ def _judged(**run: Any) -> list[Check]:
     """Judge the steps of a run over a film of which nothing was measured."""
     context = Context("film", "contact_area", "", "", "", False, **run)
     causes = {"radius": "the record is of another view", "bounces": "the film shows no drop"}
-    return of_film(context, SimpleNamespace(film="film/f.avi"), None, causes, {})[1]
+    return of_film(context, SimpleNamespace(film="film/f.avi"), None, causes, {})
 
 
 def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so() -> None:
