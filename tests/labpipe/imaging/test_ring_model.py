@@ -20,17 +20,6 @@ PIXEL, SPHERE, WAVELENGTH = 2.17e-6, 9.525e-3, 633e-9
 OPTICS = make_optics(PIXEL, SPHERE, WAVELENGTH)
 
 
-def hertz_gap(r: np.ndarray, a: float) -> np.ndarray:
-    """Gap (m) from the phase that it adds."""
-    return np.array([phase_of_gap(x / PIXEL, a / PIXEL, OPTICS)[0] for x in r]) * WAVELENGTH / (4.0 * math.pi)
-
-
-def test_gap_agrees_with_the_closed_form_written_anew() -> None:
-    r = np.linspace(0.0, 2e-3, 4001)
-    for a in (0.0, 60e-6, 800e-6):
-        assert hertz_gap(r, a) == pytest.approx(gap_of_hertz(r, a, SPHERE), abs=1e-15)
-
-
 def test_fringes_stand_where_they_were_tabulated() -> None:
     """Distances from the contact edge in µm: half intensity, first bright, first dark, third dark."""
     published = {434: (9.7, 15.4, 24.4, 50.9), 800: (7.9, 12.5, 19.9, 41.5), 1194: (6.9, 11, 17.4, 36.3)}
@@ -39,12 +28,6 @@ def test_fringes_stand_where_they_were_tabulated() -> None:
         a = micrometres * 1e-6 / PIXEL
         found = [(distance_at_phase(phase, a, OPTICS) - a) * PIXEL * 1e6 for phase in phases]
         assert found == pytest.approx(known, abs=0.06)
-
-
-@given(st.floats(0.0, 900.0), st.floats(0.01, 60.0))
-def test_distance_at_phase_inverts_the_gap(a: float, phase: float) -> None:
-    r = distance_at_phase(phase, a, OPTICS)
-    assert phase_of_gap(r, a, OPTICS)[0] == pytest.approx(phase, rel=1e-6)
 
 
 @given(st.floats(5.0, 900.0), st.floats(2.0, 8.0))
