@@ -20,7 +20,6 @@ _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
 _ALIKE = 4.0  # difference in chi square up to which two causes cannot be distinguished
 _EXPLAINED = 0.1  # part of chi square that a cause may leave, where that is more, and still be named
 _SMALL = 1.1  # factor below which per cent say more
-_GROUPED = 1e4  # from which the digits of a number are grouped
 
 SLIPS = {
     of: (*factors, *(1.0 / k for k in factors))
@@ -67,10 +66,9 @@ class Cause:
 
 
 class Explanation(NamedTuple):
-    """A cause with the factor that fits best.
+    """A cause, the factor by which its input is too large, and the checks that it moves.
 
-    ``factor``: by which the input is too large; ``checks``: that it moves; ``score``: minus twice the logarithm of its
-    likelihood, less for a usual factor; ``n_u``: error in stated standard uncertainties, 0 for a usual factor.
+    ``score``: minus twice the log-likelihood, less for a usual factor; ``n_u``: error in stated u, 0 for a usual one.
     """
 
     cause: Cause
@@ -159,4 +157,4 @@ def too_large(factor: float) -> str:
 def in_words(factor: float, digits: int = 3) -> str:
     """Write a factor with so many digits and without an exponent: 1e6 as '1,000,000'."""
     rounded = float(f"{factor:.{digits}g}")
-    return f"{rounded:,.0f}" if abs(rounded) >= _GROUPED else np.format_float_positional(rounded, trim="-")
+    return f"{rounded:,.0f}" if abs(rounded) >= 1e4 else np.format_float_positional(rounded, trim="-")

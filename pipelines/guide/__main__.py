@@ -1,7 +1,7 @@
 """Build the guide's site, its pictures and the replies of its tutorial: ``python -m pipelines.guide SITE``.
 
-With ``--keep`` the program makes pictures and replies anew. A picture of a page is its first screen, as a Chromium on
-this computer shows it.
+With ``--keep`` the program makes pictures and replies anew, and the README's picture of a report, which is that of the
+tutorial's session. A picture of a page is its first screen, as a Chromium on this computer shows it.
 """
 
 import io
@@ -67,11 +67,12 @@ def replay(text: str, folder: Path) -> str:
 
 
 def same_words(now: str, kept: str) -> None:
-    """Raise SourceError at the first line of a kept tutorial whose words are not those printed; numbers may differ."""
+    """Raise SourceError at the first line of a kept tutorial that now differs in words or counts (``121 steps``)."""
     lines = itertools.zip_longest(now.splitlines(), kept.splitlines(), fillvalue="")
+    parts = re.compile(r"[^\W\d_]+|(?<![\d.])\d+(?= [a-z]{3})")
     for number, (new, old) in enumerate(lines, 1):
-        if re.findall(r"[^\W\d_]+", new) != re.findall(r"[^\W\d_]+", old):
-            text = f'the tutorial now says "{new.strip()}", not "{old.strip()}"'
+        if parts.findall(new) != parts.findall(old):
+            text = f'the tutorial, whose pictures are then stale too, now says "{new.strip()}", not "{old.strip()}"'
             hint = "renew it: python -m pipelines.guide SITE --keep"
             raise SourceError(GUIDES / f"{FIRST}.md", text, line=number, hint=hint)
 
@@ -136,7 +137,7 @@ def _write(source: Path, target: Path) -> None:
 @click.argument("site", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--keep", is_flag=True, help="Renew replies and pictures in the package; a Chromium draws.")
 def main(site: Path, keep: bool) -> None:
-    """Write the guide into the folder SITE; the commands of its tutorial must reply with the words of its text."""
+    """Write the guide into the folder SITE; the commands of its tutorial must reply as its text says."""
     try:
         with tempfile.TemporaryDirectory(prefix="labpipe-tutorial-") as folder:
             path, gallery = GUIDES / f"{FIRST}.md", Path(folder) / "gallery"

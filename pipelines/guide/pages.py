@@ -111,10 +111,9 @@ def standalone(name: str) -> str:
 
 
 def pages() -> dict[str, str]:
-    """Return every page of the guide as HTML, by its name.
-
-    Their order is that of the site's table of contents; the page of Python is in the site only.
-    """
+    """Return every page of the guide as HTML, by its name, in the order of the site; the last one holds all texts."""
     tree, written = (SOURCE / "index.md").read_text("utf-8"), texts()
     parts = {part: names.split() for part, names in re.findall(r"^:caption: (.+)\n([^`]+)```", tree, re.MULTILINE)}
-    return {name: _render(name, written, parts) for names in parts.values() for name in names if name in written}
+    order = [name for names in parts.values() for name in names if name in written]
+    written["all"] = "# All of the guide\n\n" + "\n\n".join(written[name] for name in order)
+    return {name: _render(name, written, parts) for name in (*order, "all")}

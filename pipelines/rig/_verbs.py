@@ -74,9 +74,7 @@ def record_demo(folder: str | Path) -> bool:
 
 
 def _recorded(folder: Path) -> None:
-    from pipelines.rig.samples import write_sample
-
-    write_sample("demo", folder)
+    sample("demo", folder)
 
 
 def demo(

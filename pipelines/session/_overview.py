@@ -199,27 +199,27 @@ def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | Scatte
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
-    """Add the findings of the session as a whole to the pages of the experiments that they concern.
+    """Add findings and suspects of the session as a whole to the pages of the experiments that they concern.
 
     A page is a result of its experiment and knows no other. It is amended where it is shown, so that it agrees
     with the command, the catalogue and JSON; the stored page stays, and comes back when the finding goes.
     """
     store = Store(results.plan.session.folder)
     known = store.amended()
-    if not known and not any(one.findings for one in verdicts.values()):
+    if not known and not any(one.findings or one.suspects for one in verdicts.values()):
         return
     code = key_of(behind(f"{__name__}:{_amended.__name__}"))
     kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
     for name, one in verdicts.items():
         path = store.folder / page_name(name)
-        if not path.is_file() or not (one.findings or name in known):
+        if not path.is_file() or not (one.findings or one.suspects or name in known):
             continue
         rows = (r for r in results.plan.rows if r.experiment == name)
         pages = (r for r in rows if results.plan.tasks[r.task].stage.output == "page" and r.state in READY)
         # the page of an experiment that failed is no result: it is made again in every run
         key = next((results.plan.keys[r.task].value for r in pages), None)
         before = known.get(name, {})
-        told = [[f.level, f.message, f.cause, f.place] for f in one.findings]
+        told = [*one.suspects, *([f.level, f.message, f.cause, f.place] for f in one.findings)]
         mark = [key, code, told]
         if before.get("mark") != mark or before["digest"] != store.index.digest(path):
             page = path.read_text("utf-8") if key is None else str(store.read(key))
@@ -243,9 +243,9 @@ def _amended(page: str, one: Verdict) -> str:
         if finding.setting and finding.place:
             for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
                 page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
-    if not one.n_of_session:
-        return page
     notices = []
+    if one.model == "differs" and str(escape(one.suspects[0].partition(" (")[0])) not in page:
+        notices.append(Notice("info", with_minus(f"Compared with the whole session: {one.suspects[0]}.")))
     for found in one.findings[cut:]:
         level: Any = LEVELS.get(found.level, "info")
         place = f" ({found.place})" if found.place else ""
@@ -253,5 +253,7 @@ def _amended(page: str, one: Verdict) -> str:
         text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
         told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"
         notices.append(Notice(level, with_minus(told)))
+    if not notices:
+        return page
     is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.findings[:cut])
     return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

@@ -49,10 +49,9 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
         position.append(curve(model["displacement"].values * _MM))
         speed.append(curve(model["velocity"].values))
         if followed := int(np.isfinite(model["u_impact_time"]).sum()):
+            beyond = f"; after impact {followed} they grow in proportion to time" * (followed < model.sizes["impact"])
             caption += " The model's band lies between its earliest and latest path within two standard uncertainties "
-            caption += "of its inputs"
-            caption += f"; after impact {followed} they grow in proportion to time" * (followed < model.sizes["impact"])
-            caption += "."
+            caption += f"of its inputs{beyond}."
         for title, label, name, factor in (
             ("Contact force (model)", "force / N", "force", 1.0),
             ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),

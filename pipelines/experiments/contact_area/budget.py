@@ -31,11 +31,10 @@ def quantities(
     def area_of(**inputs: float) -> float:
         return pi * radius_of(**inputs) ** 2
 
-    for i, (largest, u) in enumerate(
-        zip(*(n[:IMPACTS].tolist() for n in largest_radii(impacts, comparison)), strict=True)
-    ):
-        is_fitted = u != float(impacts["u_peak_radius"][i])
-        sampling = 0.0 if is_fitted else float(impacts["peak_sampling"][i])
+    found = [values[:IMPACTS].tolist() for values in largest_radii(impacts, comparison)]
+    for i, (largest, u) in enumerate(zip(*found, strict=True)):
+        is_alone = u == float(impacts["u_peak_radius"][i])  # the model gives the course between the frames
+        sampling = float(impacts["peak_sampling"][i]) if is_alone else 0.0
         errors = {"noise": excess_uncertainty(u, total * largest, sampling), "sampling": sampling}
         errors |= {n: share * largest for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
         inputs = {MEASURED: Input(largest / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px")}

@@ -133,20 +133,11 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
         u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
         u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
         apart = f"{100 * (1 / ratio - 1):.1f} %"
-        found = compared(
-            FRINGE,
-            f"{film}: fringe spacing agrees with sphere, wavelength and scale (difference {apart})",
-            ratio,
-            u_ratio,
-            1.0,
-            u,
-            file=film,
-        )
-        message = (
-            f"{film}: by the spacing of the fringes radius times wavelength differs by {apart} from the stated values, "
-            f"or a pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
-        )
-        yield replace(found, message=message) if found.level else found
+        message = f"{film}: fringe spacing agrees with sphere, wavelength and scale (difference {apart})"
+        if abs(ratio - 1.0) > DOUBTFUL * hypot(u_ratio, u):
+            message = f"{film}: by the fringes radius times wavelength differs by {apart} from the stated values, or a "
+            message += f"pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
+        yield compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=film)
     message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
     cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"

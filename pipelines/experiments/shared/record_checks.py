@@ -302,7 +302,7 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
         if (apart[np.isfinite(apart)] < half).all():
             text = f"{n} readings in a row are those of {first.name}, digit by digit"
             return later.seen(name, text, "doubtful", "a copy was taken for a repeat")
-    return stated(name, f"no two of {len(known)} records share their readings", None)
+    return stated(name, f"{'the two' if len(known) == 2 else f'all {len(known)}'} recordings are different", None)
 
 
 def resolution(trace: Trace) -> Check:

@@ -85,6 +85,8 @@ def test_a_failed_experiment_is_named_with_its_reason(session_copy: Path, tmp_pa
 
 
 def test_numbers_and_captions_are_written_for_a_thesis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, said = run(capsys, "figures", "3.10", "--out", str(tmp_path / "none"))
+    assert (code, "name one by --session" in said) == (2, True)
     code, _, _ = run(capsys, "figures", "1.2", "--data", "--out", str(tmp_path))
     assert code == 0
     head, *rows = (tmp_path / "1.2-data.csv").read_text("utf-8").splitlines()

@@ -51,11 +51,11 @@ def test_what_is_not_stated_is_asked_for_with_the_line_to_copy(session_copy: Pat
     assert re.match(r'session.toml:\d: session: no licence .* the line: licence = "CC-BY-4.0"$', second)
     assert not (tmp_path / "package").exists()
     state(session_copy, '\n[[creators]]\nname = "A"\n')
-    with pytest.raises(ConfigError, match=r"creators\[0\]: A has no ORCID; add the line: orcid = "):
+    with pytest.raises(ConfigError, match=r"creators no. 1: A has no ORCID; add the line: orcid = "):
         lp.publish(session_copy, tmp_path / "package")
     with (session_copy / "session.toml").open("a", encoding="utf-8") as stream:
         stream.write('orcid = "0000-0002-1825-0096"\n')
-    with pytest.raises(ConfigError, match=r'creators\[0\]: "0000-0002-1825-0096" is no ORCID'):
+    with pytest.raises(ConfigError, match=r'creators no. 1: "0000-0002-1825-0096" is no ORCID'):
         lp.plan(session_copy)
 
 

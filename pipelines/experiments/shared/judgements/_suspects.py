@@ -160,9 +160,9 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
 def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[list[str], bool]:
     """Explain why measurement and model differ, the likeliest explanation first; and return whether that is plausible.
 
-    Other materials, other temperatures and typing errors by a usual factor come first, by how much of the difference
-    they leave; then inputs within ten of their standard uncertainties, which is plausible as well; then values that
-    are wrong by any factor; last the others. A value that a check has confirmed is no suspect.
+    The one recording that differs where no input explains all, other materials, other temperatures and typing errors
+    by a usual factor come first; then inputs within ten of their standard uncertainties, which is plausible as well;
+    then values that are wrong by any factor; last the others. A value that a check has confirmed is no suspect.
     """
     names, chi2 = compared.names, agreement(compared.differences, compared.covariance).chi2
     if not names or not chi2:
@@ -175,9 +175,10 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[l
     best = max(errors, key=lambda error: error.share)
     close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
     refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
-    told = _one_recording(compared) + _alternatives(scene, compared, chi2)
-    told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
     near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
+    is_one_input = any(error.share >= _MOST and not error.is_excluded for error in near)
+    told = ([] if is_one_input else _one_recording(compared)) + _alternatives(scene, compared, chi2)
+    told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
     # of those that explain as much the likelier one takes less of its own uncertainty
     near.sort(key=lambda error: (error.is_excluded, error not in close, error.n_u))
     distant = [error.name for error in close if not error.is_near]
