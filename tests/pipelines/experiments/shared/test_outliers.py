@@ -55,6 +55,14 @@ def test_a_run_of_wild_laser_readings_has_a_status_and_is_named(place: int, coun
     assert f"readings {place + 1}" in text
 
 
+def test_a_longer_disturbance_is_kept_and_found() -> None:
+    heights = bouncing()
+    heights[900:940] += 1e-3
+    readings = without_outliers(laser(heights))
+    assert "outliers" not in readings.attrs
+    assert spikes(readings)[0] == "impossible"
+
+
 def test_a_clean_record_loses_no_reading() -> None:
     readings = laser(bouncing())
     assert without_outliers(readings) is readings
