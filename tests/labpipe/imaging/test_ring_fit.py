@@ -2,8 +2,19 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from labpipe.imaging.fringes._ring_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
-from labpipe.imaging.fringes._ring_model import make_optics
+from labpipe.imaging.fringes._ring_fit import (
+    USUAL,
+    FitSettings,
+    Parameter,
+    Ring,
+    RingFit,
+    Sums,
+    cut_ring,
+    fit_contact,
+    ring_sums,
+    tabulate,
+)
+from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, Optics, make_optics, ring_limits
 from pipelines.bench.contact_radius import surface_gap
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, exposed_image
 
@@ -23,6 +34,54 @@ def radius_of(fit: RingFit | None) -> float:
     assert fit is not None
     assert fit.is_converged
     return float(fit.parameters[Parameter.RADIUS]) * PIXEL
+
+
+def plain_sums(ring: Ring, parameters: np.ndarray, optics: Optics) -> tuple[np.ndarray, np.ndarray, float, int]:
+    """Normal matrix, its right side, sum of squares and pixels by array operations: the twin of the compiled loop."""
+    top, left, stride = ring.corner
+    p = parameters
+    y, x = np.mgrid[0 : ring.image.shape[0] : stride, 0 : ring.image.shape[1]].astype(float)
+    dx, dy = x + left - p[1], y + top - p[2]
+    u, v = dx * (1.0 + p[9]) + dy * p[10], dy * (1.0 - p[9]) + dx * p[10]
+    r, grey = np.hypot(u, v), ring.image[::stride].astype(float)
+    used = (r >= ring.inner) & (r <= ring.outer) & (grey < ring.ceiling)
+    start, table = tabulate((ring.inner, ring.outer), p, optics, range(19))
+    places = start + np.arange(table.shape[1]) / SAMPLES_PER_PIXEL
+    u, v, dx, dy, r = u[used], v[used], dx[used], dy[used], r[used]
+    term, by_r, by_radius, by_phase, by_square, *by_optics = (np.interp(r, places, line) for line in table)
+    across = (x[used] + left - ring.origin[0]) / ring.origin[2]
+    down = (y[used] + top - ring.origin[1]) / ring.origin[2]
+    curve = (across**2 + down**2 - ring.origin[3]) * ring.origin[4]
+    saddle, cross = across**2 - down**2, across * down
+    light = 1.0 + p[5] * across + p[6] * down + p[7] * curve + p[13] * saddle + p[14] * cross
+    core, bright = p[3] + p[4] * term, p[4] * light
+    steep = bright * by_r / np.maximum(r, 1e-9)
+    slopes = np.stack([
+        bright * by_radius, -steep * (u * (1.0 + p[9]) + v * p[10]), -steep * (v * (1.0 - p[9]) + u * p[10]),
+        light, light * term, across * core, down * core, curve * core, bright * by_phase,
+        steep * (u * dx - v * dy), steep * (u * dy + v * dx), bright * by_square,
+        0.5 * bright * (r * by_r + p[0] * by_radius), saddle * core, cross * core,
+        *(bright * line for line in by_optics),
+    ])  # fmt: skip
+    residual = grey[used] - light * core
+    return slopes @ slopes.T, slopes @ residual, float((residual**2).sum()), int(used.sum())
+
+
+@pytest.mark.parametrize("max_pixels", [100_000, 5_000])
+def test_compiled_sums_equal_the_plain_ones(max_pixels: int) -> None:
+    rng = np.random.default_rng(0)
+    frame = expose(clean_image(SCENE, 180e-6, (150.3, 130.2), samples=2), SCENE, rng)
+    parameters = start_at(180.5e-6, 150.0, 130.5)
+    parameters[5:15] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01, 0.02, -0.01
+    parameters[15:19] = 0.3, -0.05, 1e-4, 40.0**4
+    ring = cut_ring(frame, parameters, *ring_limits(parameters[0], OPTICS, 3.0, 3.0), 215.0, max_pixels)
+    assert ring is not None
+    found: Sums = ring_sums(ring, parameters, np.arange(19), OPTICS, 19)
+    normal, right, squares, pixels = plain_sums(ring, parameters, OPTICS)
+    assert found.pixels == pixels
+    assert found.squares == pytest.approx(squares, rel=1e-10)
+    for one, other in ((found.normal, normal), (found.right, right)):
+        assert np.abs(one - other).max() < 1e-9 * np.abs(other).max()
 
 
 def test_noise_that_pixels_share_widens_the_uncertainty() -> None:
