@@ -86,7 +86,7 @@ class Explanation(NamedTuple):
     def sentence(self) -> str:
         """The probable mistake."""
         said = self.cause.say(self.factor)
-        return f"{said} ({in_words(self.n_u, 2)} times its stated uncertainty)" if self.is_last_resort else said
+        return f"{said}, off by {in_words(self.n_u, 2)} times its stated uncertainty" if self.is_last_resort else said
 
 
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
