@@ -244,7 +244,7 @@ def _amended(page: str, one: Verdict) -> str:
             for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
                 page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
     notices = []
-    if one.model == "differs" and str(escape(one.suspects[0].partition(" (")[0])) not in page:
+    if one.model == "differs" and one.suspects and str(escape(one.suspects[0].partition(" (")[0])) not in page:
         notices.append(Notice("info", with_minus(f"Compared with the whole session: {one.suspects[0]}.")))
     for found in one.findings[cut:]:
         level: Any = LEVELS.get(found.level, "info")

@@ -241,13 +241,15 @@ def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quant
 
     Each is setting, own and usual value, and the experiments that state the usual one.
     """
-    stated = {
-        e.name: {setting: value for setting, value, _ in every_setting(e.settings) if isinstance(value, Quantity)}
+    stated = {  # a default has no line
+        e.name: {s: v for s, v, _ in every_setting(e.settings) if isinstance(v, Quantity) and s in e.lines}
         for e in session.experiments.values()
     }
     for setting, own in stated.pop(name, {}).items():
-        place = ".".join(_field(setting).split(".")[-2:])
-        others = [(e, v) for e, values in stated.items() for s, v in values.items() if _field(s).endswith(place)]
+        place = _field(setting).split(".")[-2:]
+        others = [
+            (e, v) for e, values in stated.items() for s, v in values.items() if _field(s).split(".")[-2:] == place
+        ]
         if (usual := _usual(own, others)) is not None:
             yield setting, own, usual[1], list(dict.fromkeys(e for e, v in others if _distance(usual[1], v) <= _SAME))
 

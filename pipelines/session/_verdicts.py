@@ -323,13 +323,13 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
         extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
         is_worse = one.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
         believable = "doubtful" if is_worse else one.believable
-        suspects = _suspects(results, experiment) if one.model == "differs" else one.suspects
+        suspects = _suspects(results, experiment, one) if one.model == "differs" else one.suspects
         findings = (*one.findings, *extra)
         made[i] = replace(one, believable=believable, findings=findings, suspects=suspects, n_of_session=len(extra))
     return tuple(made)
 
 
-def _suspects(results: Results, experiment: Experiment) -> tuple[str, ...]:
+def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[str, ...]:
     """Explain a model that differs by what the whole session knows: materials of its DMA, values of other experiments.
 
     Values that other experiments state otherwise come first where nothing else is plausible.
@@ -342,12 +342,12 @@ def _suspects(results: Results, experiment: Experiment) -> tuple[str, ...]:
     curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row)) is not None}
     result = results.first(experiment.name, JUDGEMENT)
     if curves and hasattr(function(stage.function), "inputs"):  # made by judging(), which takes others
-        result = _judged(results, experiment, stage, (), others=curves)
+        with contextlib.suppress(Exception):  # of foreign code: the suspects of the experiment itself remain
+            result = _judged(results, experiment, stage, (), others=curves)
     unusual = unusual_values(results.plan.session, experiment.name)
-    if result is None:
-        return tuple(unusual)
-    told = [_with_line(text, experiment) for text in suspected(result)]
-    told = [*told, *unusual] if result.attrs["is_explained"] else [*unusual, *told]
+    told = [_with_line(text, experiment) for text in (one.suspects if result is None else suspected(result))]
+    is_explained = result is None or result.attrs.get("is_explained", 1)  # one of earlier code may be kept
+    told = [*told, *unusual] if is_explained else [*unusual, *told]
     return (*_in_common(results, own), *told)
 
 

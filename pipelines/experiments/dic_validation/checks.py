@@ -124,7 +124,9 @@ def _steady(track: xr.Dataset, film: str) -> Check:
     body = track.isel(point=0)
     size = 0.5 * (body["stretch_x"].values + body["stretch_y"].values)
     grown = np.diff(size)
-    noise = 1.4826 * float(np.nanmedian(np.abs(grown))) if np.isfinite(grown).any() else 0.0
+    if not np.isfinite(grown).any():
+        return not_made(SIZE, "a holder in two frames in a row")
+    noise = 1.4826 * float(np.nanmedian(np.abs(grown)))
     at = int(np.argmax(np.abs(np.nan_to_num(grown))))
     # a view that has changed stays so, a frame that is blurred does not
     stays = np.nanmedian(size[at + 1 : at + 1 + _STAYS]) - np.nanmedian(size[max(at + 1 - _STAYS, 0) : at + 1])
@@ -145,7 +147,7 @@ def _unbroken(track: xr.Dataset, film: str) -> Check:
     noise = 1.4826 * float(np.nanmedian(np.abs(change))) if np.isfinite(change).any() else 0.0
     step = np.where(change[1:] * change[:-1] < 0.0, np.minimum(np.abs(change[1:]), np.abs(change[:-1])), 0.0)
     at = int(np.argmax(step)) if step.size else 0
-    if not step.size or not step[at] > _IN_NOISE * noise:
+    if not step.size or not step[at] > _IN_NOISE * max(noise, _SOLVED):
         return stated(PLACE, f"{film}: the place of the image does not jump", None, file=film)
     text = f"{film}: the holder's image jumps by {step[at]:.2g} px at {quantity(float(body['time'][at + 2]), 's')}"
     cause = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"

@@ -6,7 +6,6 @@ much momentum came: a height or a material that is stated wrongly moves that of 
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import repeat
 from math import hypot, inf, log, nan
 from typing import Any
 
@@ -82,9 +81,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     checks.append(of_body)
     # what repeats share is taken out: their scatter alone is asked
     rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
-    checks += map(
-        _of_interval, repeat(rings), fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE)
-    )
+    of_one = fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE)
+    checks += [_of_interval(rings, check) for check in of_one]
     for drops in settings.drops:
         falls = [rings[name] for name in drops.laser if name in rings]
         checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")

@@ -302,6 +302,8 @@ def _lost(blocks: Sequence[Part]) -> Check:
     found = []
     for part in (part for part in blocks if part.function == OSCILLATION):
         steps = np.abs(np.diff(part.position))
+        if not np.isfinite(steps).any():  # a block that was broken off
+            continue
         at, usual = int(np.nanargmax(steps)), float(np.nanquantile(steps, 0.99))
         found.append((float(steps[at]) / usual if usual > 0.0 else 1.0, part, at))
     if not found:
