@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; such a file is never read."""
 
-_BLOCK = 1 << 20
-
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     """Write a file, and missing folders, so that it exists complete or not at all.
@@ -161,14 +159,11 @@ def digest(path: str | os.PathLike[str]) -> str:
     source = Path(path)
     if source.is_dir():
         return folder_digest(source, digest)
-    total = hashlib.sha256()
     try:
         with source.open("rb") as stream:
-            while block := stream.read(_BLOCK):
-                total.update(block)
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise SourceError(source, f"cannot be read: {error.strerror}") from error
-    return total.hexdigest()
 
 
 def files_below(folder: Path) -> list[Path]:
