@@ -6,7 +6,7 @@ reduction, u_z(r) = (2/π) ∫₀^r u(x)/√(r² − x²) dx, so that dents that
 closed formula of Hertz, by which the analysis measures, is used nowhere here.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,12 @@ def _centre(camera: UnderCamera) -> tuple[float, float]:
     return 0.5 * (camera.columns - 1) + dx, 0.5 * (camera.rows - 1) + dy
 
 
+def reach_of(camera: UnderCamera) -> float:
+    """Return the distance [m] of the contact's centre from the farthest corner of the image, and a little more."""
+    x0, y0 = _centre(camera)
+    return float(camera.pixel_size * np.hypot(max(x0, camera.columns - x0) + 2, max(y0, camera.rows - y0) + 2))
+
+
 def surface_matrix(position: Floats, r: Floats) -> Floats:
     """Return the matrix that turns springs into the surface displacement at the radii ``r``.
 
@@ -111,36 +117,55 @@ def surface_matrix(position: Floats, r: Floats) -> Floats:
     return 2.0 / np.pi * matrix[:, 1:]
 
 
-def _images(
-    springs: Springs, body: Body, camera: UnderCamera, weights: Floats, count: int, seed: int
-) -> Iterator[NDArray[np.uint8]]:
-    generator = np.random.default_rng(seed)
-    x0, y0 = _centre(camera)
-    largest = camera.pixel_size * np.hypot(max(x0, camera.columns - x0) + 2, max(y0, camera.rows - y0) + 2)
-    coarse = np.linspace(0.0, largest, 2000)
-    matrix = surface_matrix(springs.position, coarse)
-    fine = np.arange(0.0, largest, _GRID)
-    profile = fine**2 / (body.radius + np.sqrt(body.radius**2 - fine**2))  # of a sphere
+def view_of(camera: UnderCamera) -> tuple[Floats, Callable[[Floats], Floats]]:
+    """Return at which distances [m] from the centre a camera samples the gap, and the view of a pattern over them.
+
+    A pattern (distance,) is the light about its mean, over its amplitude; the view are grey levels (row, column)
+    without noise.
+    """
+    (x0, y0), fine = _centre(camera), np.arange(0.0, reach_of(camera), _GRID)
     half = 0.5 * camera.columns  # light falls off towards the corners of the image's long side
     across, down = np.arange(camera.columns) - half, np.arange(camera.rows)[:, None] - 0.5 * camera.rows
     light = 1.0 - camera.vignette * (across**2 + down**2) / half**2
-    # Samples (row, in it, column, in it) of the radial table, spread over every pixel.
+    # samples (row, in it, column, in it) of the pattern, spread over every pixel
     spread = (np.arange(camera.samples) + 0.5) / camera.samples - 0.5
     x = (np.arange(camera.columns)[:, None] - x0 + spread) * camera.pixel_size / np.cos(camera.tilt)
     y = (np.arange(camera.rows)[:, None] - y0 + spread) * camera.pixel_size
     place = np.hypot(x, y[:, :, None, None]) / _GRID
     inner = np.minimum(place.astype(np.int64), fine.size - 2)
     share = np.minimum(place - inner, 1.0)
+
+    def view(pattern: Floats) -> Floats:
+        relative = (pattern.take(inner) + share * np.diff(pattern).take(inner)).mean(axis=(1, 3))
+        grey = camera.mean * (1 + camera.visibility * relative) * light
+        return gaussian_filter(grey, camera.blur, mode="nearest") if camera.blur else grey
+
+    return fine, view
+
+
+def interference(gap: Floats, wavelength: float) -> Floats:
+    """Return the light behind a gap [m] about its mean, over its amplitude: dark where there is contact."""
+    return np.asarray(np.cos(4 * np.pi * gap / wavelength + np.pi))
+
+
+def taken(grey: Floats, noise: float, generator: np.random.Generator) -> NDArray[np.uint8]:
+    """Return an image of 8 bits with a camera's noise (grey levels)."""
+    return np.clip(np.rint(grey + noise * generator.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
+
+
+def _images(
+    springs: Springs, body: Body, camera: UnderCamera, weights: Floats, count: int, seed: int
+) -> Iterator[NDArray[np.uint8]]:
+    generator = np.random.default_rng(seed)
+    fine, view = view_of(camera)
+    coarse = np.linspace(0.0, reach_of(camera), 2000)
+    matrix = surface_matrix(springs.position, coarse)
+    profile = fine**2 / (body.radius + np.sqrt(body.radius**2 - fine**2))  # of a sphere
     for frame in range(count):
-        table = np.zeros_like(fine)
+        pattern = np.zeros_like(fine)
         for k, weight in enumerate(weights):
             n = frame * len(weights) + k
             dent = np.interp(fine, coarse, matrix @ springs.displacement[n])
             gap = np.maximum(profile - springs.approach[n] + dent, 0.0)
-            table += weight * np.cos(4 * np.pi * gap / camera.wavelength + np.pi)
-        relative = (table[inner] + share * (table[inner + 1] - table[inner])).mean(axis=(1, 3))
-        grey = camera.mean * (1 + camera.visibility * relative) * light
-        if camera.blur:
-            grey = gaussian_filter(grey, camera.blur, mode="nearest")
-        noisy = grey + camera.noise * generator.standard_normal(grey.shape)
-        yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+            pattern += weight * interference(gap, camera.wavelength)
+        yield taken(view(pattern), camera.noise, generator)
