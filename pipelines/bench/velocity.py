@@ -15,8 +15,7 @@ from scipy.signal import savgol_filter
 from labpipe import materials, signals
 from labpipe.arrays import Floats
 from pipelines.bench.measure import THESIS, Extra, Suite, Timing, race
-from pipelines.rig.drops import drop_once
-from pipelines.rig.fall import DropRig, LaserSensor
+from pipelines.rig.drops import DropRig, LaserSensor, drop_once
 
 _CYCLE, _HEIGHT = 50e-6, 1.5e-3  # s; m, the lowest of the thesis: the most bounces in a record
 _NEAR = 1e-3  # s around a touch or lift-off that counts as contact
