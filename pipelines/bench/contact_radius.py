@@ -136,7 +136,7 @@ def gap_of(scene: Scene) -> tuple[Floats, Floats]:
     a, sphere = scene.radius, scene.sphere
     places = a + (reach_of(scene.camera) - a) * np.linspace(0.0, 1.0, 1000) ** 2  # it rises as a power of 1.5
     position = a * (np.arange(500) + 0.5) / 499.5  # the last one at the edge
-    dent = surface_matrix(position, np.asarray(places)) @ (a**2 - position**2) / sphere
+    dent = surface_matrix(np.asarray(position), np.asarray(places)) @ (a**2 - position**2) / sphere
     return np.asarray(places), np.maximum(0.5 * places**2 / sphere - a**2 / sphere + dent, 0.0)
 
 
