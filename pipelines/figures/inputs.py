@@ -47,10 +47,10 @@ class Inputs:
             fitted = self.result(referred(body.material_from), "master_curve")
         return resolve(body, file, fitted)
 
-    def of_kind(self, kind: str) -> dict[str, Any]:
-        """Return the experiments of one kind, from the lowest height."""
+    def of_kind(self, kind: str, most: int | None = None) -> dict[str, Any]:
+        """Return the experiments of one kind, from the lowest height, at most so many."""
         found = {n: s for n, s in self.experiments.items() if s.kind == kind}
-        return dict(sorted(found.items(), key=lambda item: item[1].height.value))
+        return dict(sorted(found.items(), key=lambda item: item[1].height.value)[:most])
 
     @property
     def origin(self) -> str:
