@@ -24,25 +24,24 @@ from pipelines.bench.measure import Bound, Extra, Suite, Timing, race
 
 Film = NDArray[np.uint8]
 
-_NOISE = 2.0  # grey levels, as of a good high-speed camera
-_STEP = (0.1, 0.05)  # px from frame to frame, that of a falling holder early on
-_SUBSET = 31
-_BORDER = 30  # px
 _TAPS = np.arange(-2, 4)  # of the kernel of Keys
 _DEFAULT = "quintic, 121 points"
 _LUCAS_KANADE = "Lucas–Kanade, 121 points"
 
 
-def run(quick: bool) -> list[Suite]:
-    """Measure error and time of the settings and of the peers; quick: 121 points only, and fewer repeats."""
+def run(quick: bool, subset: int = 31, noise: float = 2.0) -> list[Suite]:
+    """Measure error and time of the settings and of the peers; quick: 121 points only, and fewer repeats.
+
+    ``subset`` is in px, ``noise`` in grey levels, by default that of a good high-speed camera.
+    """
     frames = 11 if quick else 20
-    film, truth = make_film(512, frames, _NOISE)
-    bound = cramer_rao(film[0], _SUBSET)
+    film, truth = make_film(512, frames, noise)
+    bound = cramer_rao(film[0], subset, noise)
     has_pyidi = find_spec("pyidi") is not None
     calls: dict[str, tuple[str, Callable[[], object]]] = {}
     counts: dict[str, int] = {}
     for side in (11,) if quick else (11, 41):
-        axis = np.rint(np.linspace(_BORDER, 511 - _BORDER, side))
+        axis = np.rint(np.linspace(subset - 1, 512 - subset, side))
         points = np.stack([axis.ravel() for axis in np.meshgrid(axis, axis)], axis=1)
         few = points[::16]
         methods: list[tuple[str, str, Callable[..., Floats], Floats]] = [
@@ -55,7 +54,7 @@ def run(quick: bool) -> list[Suite]:
         ]
         for group, name, method, given in methods:
             setting = f"{name}, {side**2} points"
-            calls[setting], counts[setting] = (group, partial(method, film, given, _SUBSET)), len(given)
+            calls[setting], counts[setting] = (group, partial(method, film, given, subset)), len(given)
 
     def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
         error = np.asarray(timings[name].value) - truth[:, None]
@@ -73,26 +72,27 @@ def run(quick: bool) -> list[Suite]:
     return [
         Suite(
             "dic",
-            f"Displacement of subsets of {_SUBSET} px, {frames} frames of 512 × 512 px of sprayed speckle, noise of "
-            f"{_NOISE:g} grey levels",
+            f"Displacement of subsets of {subset} px, {frames} frames of 512 × 512 px of sprayed speckle, noise of "
+            f"{noise:g} grey levels",
             "RMS error (px)",
             [replace(p, seconds=p.seconds / (frames * counts[p.setting])) for p in timed],
-            [Bound(f"Cramér–Rao, {_SUBSET} px", bound)],
+            [Bound(f"Cramér–Rao, {subset} px", bound)],
             [] if has_pyidi else ["pyidi is not installed; it is not compared."],
             time_label="run time per point and frame (s)",
         )
     ]
 
 
-def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
+def make_film(size: int, frames: int, noise: float, step: tuple[float, float] = (0.1, 0.05)) -> tuple[Film, Floats]:
     """Make a film (frame, row, column) of shifted sprayed speckle and its shifts (frame, 2) in px.
 
-    Dark discs of 1.2 to 2.6 px radius with edges that lens and pixel blur by 0.8 px (standard deviation).
+    The ``step`` [px] from frame to frame is that of a falling holder early on. Dark discs of 1.2 to 2.6 px radius have
+    edges that lens and pixel blur by 0.8 px (standard deviation).
     """
     rng = np.random.default_rng(3)
     count = size * size // 14
     centre, radius = rng.uniform(-10.0, size + 10.0, (2, count)), rng.uniform(1.2, 2.6, count)
-    shifts = np.arange(frames)[:, None] * np.array(_STEP)
+    shifts = np.arange(frames)[:, None] * np.array(step)
     steps, margin = np.arange(-6, 7), 24
     images = []
     for shift in shifts:
@@ -107,11 +107,11 @@ def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
     return np.stack(images), shifts
 
 
-def cramer_rao(image: Film, subset: int) -> float:
+def cramer_rao(image: Film, subset: int, noise: float) -> float:
     """Bound (px) of a translation from two noisy images, mean slope of the image."""
     grey = image.astype(float)
-    slopes = np.mean([((np.diff(grey, axis=k)) ** 2).mean() - 2 * _NOISE**2 for k in (0, 1)])
-    return float(np.sqrt(2 * (_NOISE**2 + 1 / 12) / (slopes * subset**2)))
+    slopes = np.mean([((np.diff(grey, axis=k)) ** 2).mean() - 2 * noise**2 for k in (0, 1)])
+    return float(np.sqrt(2 * (noise**2 + 1 / 12) / (slopes * subset**2)))
 
 
 def _correlate(film: Film, points: Floats, subset: int, order: Any, shape: Any) -> Floats:

@@ -16,14 +16,12 @@ from scipy.optimize import minimize
 
 from labpipe.arrays import Complexes, Floats
 from labpipe.materials import MasterCurve, master_curve
+from labpipe.report import SURE
 from pipelines.bench.measure import Extra, Suite, Timing, race
 from pipelines.rig.solids import Element, Solid
 
 _PROCEDURE = "RepTate's procedure"
 _DEFAULT = "free shifts"
-_SURE = 1.96
-#: Decades that two isotherms have to share, and the distance of a pair that shares less.
-_LEAST_OVERLAP, _APART = 0.05, 1e3
 
 
 def run(quick: bool) -> list[Suite]:
@@ -57,7 +55,7 @@ def _compared(name: str, words: str, truth: Solid, quick: bool) -> Suite:
         if isinstance(found[0], MasterCurve):
             pairs = [(one, made, made.log10_aT != 0.0) for made, one in zip(sets, found, strict=True)]
             off = [np.abs(one.log10_aT.values - made.log10_aT)[others] for one, made, others in pairs]
-            reach = [_SURE * one.u_log10_aT.values[others] for one, _, others in pairs]
+            reach = [SURE * one.u_log10_aT.values[others] for one, _, others in pairs]
             extra["95 % bars that hold (%)"] = 100.0 * float(np.mean(np.concatenate(off) <= np.concatenate(reach)))
         return float(np.mean(errors)), extra
 
@@ -163,12 +161,17 @@ def pairwise_shifts(made: Measured, is_vertical: bool) -> Floats:
     return shifts
 
 
-def _distance(table_x: Floats, table_y: Floats, x: Floats, y: Floats, move: Floats) -> float:
-    """Return the mean squared distance of a moved isotherm from the table, in decades squared."""
+def _distance(
+    table_x: Floats, table_y: Floats, x: Floats, y: Floats, move: Floats, least: float = 0.05, apart: float = 1e3
+) -> float:
+    """Return the mean squared distance of a moved isotherm from the table, in decades squared.
+
+    An isotherm that shares less than ``least`` decades with the table is ``apart``.
+    """
     at = x + move[0]
     inside = (at >= table_x[0]) & (at <= table_x[-1])
-    if not inside.any() or np.ptp(at[inside]) < _LEAST_OVERLAP:
-        return _APART + float(np.min(np.abs(at[:, None] - table_x)))
+    if not inside.any() or np.ptp(at[inside]) < least:
+        return apart + float(np.min(np.abs(at[:, None] - table_x)))
     down = move[1] if move.size > 1 else 0.0
     rest = [(row[inside] - down) - np.interp(at[inside], table_x, known) for row, known in zip(y, table_y, strict=True)]
     return float(np.mean(np.square(rest)))

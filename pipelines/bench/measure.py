@@ -104,6 +104,10 @@ class Timing:
         return median(ratios), min(ratios), max(ratios)
 
 
+Judge = Callable[[str, Mapping[str, Timing]], tuple[float, Extra]]
+"""Takes a setting and all timings; returns its error, and further columns."""
+
+
 def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget: float = math.inf) -> dict[str, Timing]:
     """Time contenders in turn: first each once cold, then ``repeats`` rounds of warm runs.
 
@@ -135,19 +139,12 @@ def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget:
 
 
 def race(
-    calls: Calls,
-    repeats: int,
-    judge: Callable[[str, Mapping[str, Timing]], tuple[float, Extra]],
-    default: str,
-    *,
-    budget: float = math.inf,
-    per: float = 1.0,
+    calls: Calls, repeats: int, judge: Judge, default: str, *, budget: float = math.inf, per: float = 1.0
 ) -> list[Point]:
     """Time contenders in turn, and return a point for each.
 
-    ``calls``: the contenders; ``repeats``, ``budget``: as of :func:`paired`; ``judge``: takes a setting
-    and all timings; returns its error, and further columns; ``default``: the setting that a user gets without asking;
-    ``per``: pieces of work in a call; the time is that of one.
+    ``calls``: the contenders; ``repeats``, ``budget``: as of :func:`paired`; ``default``: the setting that a user gets
+    without asking; ``per``: pieces of work in a call; the time is that of one.
     """
     timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget)
     points = []
@@ -157,6 +154,16 @@ def race(
         seconds, cold, is_default = timing.seconds / per, timing.cold_seconds, name == default
         points.append(Point(name, error, seconds, group, is_default, cold, extra, timing.samples))
     return points
+
+
+def judged_by(error: Callable[[Any], float], **extra: Callable[[Any], float]) -> Judge:
+    """Return a judge by the result alone: its error, and further columns by name."""
+
+    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
+        found = timings[name].value
+        return error(found), {column: of(found) for column, of in extra.items()}
+
+    return judge
 
 
 def _timed(call: Callable[[], object]) -> tuple[float, object]:
