@@ -98,12 +98,10 @@ def _row(places: Any, repeats: xr.Dataset, model: xr.Dataset, origin: str, rest:
     return f"{first:.1f} µm wide in the first impact, at most {float(np.nanmax(wide[t >= 0])):.0f} µm later"
 
 
-def plate_vibration(
-    inputs: Inputs, around: tuple[float, float] = (-3.0, 60.0), bars: tuple[float, float] = (-10.0, 1.5)
-) -> Drawing:
+def plate_vibration(inputs: Inputs, bars: tuple[float, float] = (-10.0, 1.5)) -> Drawing:
     """Figure B.2: plate displacement after the impact of several spheres from each height.
 
-    It is drawn ``around`` the blow; ``bars`` are where the first of the amplitudes stands, and their distance [ms].
+    ``bars`` are where the first of the amplitudes stands, and their distance [ms].
     """
     name = next(iter(inputs.experiments))
     made, table = inputs.result(name, "comparison"), inputs.result(name, "table")
@@ -112,7 +110,6 @@ def plate_vibration(
     kinds = list(dict.fromkeys(table["material"].values.tolist()))
     spelled = {kind: kind.upper() if kind in ("nbr", "peek", "ptfe") else kind for kind in kinds}
     time = made["time"].values * 1e3
-    inside = (time >= around[0]) & (time <= around[1])
     rows, columns = (len(heights) + 1) // 2, min(2, len(heights))
     with panels(rows, columns, width=2, aspect=0.28 * rows, sharex="all", sharey="all") as (figure, axes):
         for panel, height in enumerate(heights):
@@ -120,7 +117,7 @@ def plate_vibration(
             for i in np.flatnonzero(table["height"].values == height):
                 material = str(table["material"].values[i])
                 look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
-                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=spelled[material], **look)
+                place.plot(time, made["measured"].values[i] * 1e6, label=spelled[material], **look)
                 # a bar before the blow: lines of like spheres cover each other
                 at, amplitude = bars[0] + bars[1] * kinds.index(material), float(table["amplitude"].values[i]) * 1e6
                 bar = {"color": look["color"], "linestyle": "-", "linewidth": 2.5, "solid_capstyle": "butt"}
