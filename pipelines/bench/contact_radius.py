@@ -5,7 +5,6 @@ gap by which the fit works is not used. The bound is that of the same pixels wit
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
-from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, race
+from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, race
 from pipelines.rig.film_under import FULL_SIZE, UnderCamera, interference, reach_of, surface_matrix, taken, view_of
 
 Film = NDArray[np.uint8]
@@ -58,8 +57,8 @@ def run(quick: bool) -> list[Suite]:
     contenders = _contenders(film, scene)
     bounds = {count: cramer_rao(scene, count) for count in (1.0, 3.0)}
 
-    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        error = (np.asarray(timings[name].value, float) - scene.radius) / _MICROMETRE
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
+        error = (np.asarray(found, float) - scene.radius) / _MICROMETRE
         rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else math.nan
         return rms, {
             "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,

@@ -7,7 +7,6 @@ of 34 bounces of one of fifteen terms by springs at a hundred times finer steps 
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import isnan, nan, sqrt
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from scipy.integrate import solve_ivp
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
-from pipelines.bench.measure import OURS, THESIS, Calls, Point, Suite, judged_by, race
+from pipelines.bench.measure import OURS, THESIS, Calls, Extra, Point, Suite, race
 from pipelines.rig.apparatus import SPHERE
 
 TING = "Ting's equations, SciPy"
@@ -53,7 +52,7 @@ def run(quick: bool) -> list[Suite]:
     points = _measured({**_solvers(solid, 2e-3, tolerances, steps), **peers}, _first_error, 3 if quick else 7)
     title = "First impact of an acrylic-like sphere, 1.5 mm: against Ting's integral"
     error = "worst relative error of restitution, force, approach, duration (1)"
-    first = Suite("drop-first", title, error, points, notes=[speed_up(points)])
+    first = Suite("drop-first", title, error, points)
 
     solid = Prony.from_creep(2e9, np.full(15, _SHARE), _TAU, nu=0.35)
     calls = _solvers(
@@ -62,7 +61,7 @@ def run(quick: bool) -> list[Suite]:
     points = _measured(calls, _train_error, 1 if quick else 3)
     title = "34 bounces in 0.5 s of an acrylic-like sphere, 15 terms from 1e-10 to 1e2 s"
     error = "worst relative error of touch times, forces, restitutions (1)"
-    notes = [speed_up(points), "A wrong number of bounces counts as an error of 1."]
+    notes = ["A wrong number of bounces counts as an error of 1."]
     return [first, Suite("drop-train", title, error, points, notes=notes)]
 
 
@@ -82,22 +81,10 @@ def _solvers(solid: Prony, after: float, tolerances: Sequence[float], steps: Seq
 
 
 def _measured(calls: Calls, error: Callable[[Any], float], repeats: int) -> list[Point]:
-    judge = judged_by(error, bounces=lambda found: int(found.sizes["impact"]))
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
+        return error(found), {"bounces": int(found.sizes["impact"])}
+
     return race(calls, repeats, judge, "springs, rtol 1e-04", budget=60.0)
-
-
-def speed_up(points: Sequence[Point]) -> str:
-    """Say how much faster the cheapest setting is that errs no more than the thesis's best."""
-    best = min((p for p in points if p.group == THESIS and not isnan(p.error)), key=lambda p: p.error)
-    ours = [p for p in points if p.group == OURS and p.error <= best.error]
-    if not ours:
-        return f"No setting of ours errs as little as {best.setting} ({best.error:.1e})."
-    fast = min(ours, key=lambda p: p.seconds)
-    ratio = median(a / b for a, b in zip(best.samples, fast.samples, strict=True))
-    return (
-        f"{best.setting} errs by {best.error:.1e}; {fast.setting} errs by {fast.error:.1e} and is {ratio:,.1f} times "
-        "as fast."
-    )
 
 
 def _first_error(found: Any) -> float:

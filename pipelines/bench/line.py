@@ -15,8 +15,7 @@ from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
-from pipelines.bench.drop import speed_up
-from pipelines.bench.measure import OURS, THESIS, Suite, judged_by, race
+from pipelines.bench.measure import OURS, THESIS, Extra, Suite, race
 from pipelines.rig.apparatus import PUNCH
 
 _MEAN = 0.2  # pressure over that of full contact
@@ -71,8 +70,12 @@ def _elastic(quick: bool, most_factored: int = 4096) -> Suite:
             calls[f"springs, {n} strips"] = OURS, partial(_pressure, n)
         if has_peer:
             calls[f"tamaas, {n} points"] = "tamaas", partial(tamaas_pressure, n)
+
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
+        return pressure_error(found), {}
+
     title = "Elastic half-plane under a cosine, mean pressure 0.2 p*: against Westergaard"
-    points = race(calls, 3 if quick else 7, judged_by(pressure_error), "springs, 1024 strips", budget=60.0)
+    points = race(calls, 3 if quick else 7, judge, "springs, 1024 strips", budget=60.0)
     notes = [] if has_peer else ["tamaas is not installed: no peer for the elastic line."]
     return Suite("line-elastic", title, "relative L2 error of the pressure (1)", points, notes=notes)
 
@@ -121,16 +124,16 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
         history = _history(per_cycle)
         return lambda: contact.indent(material, *_PUNCH, 1.0, *history, elements=256, solver="thesis")
 
-    def error(found: Any) -> float:
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
         shown = np.interp(solid.times, found.time.values, found.force.values)
-        return float(np.abs(shown - np.array(solid.forces)).max() / solid.peak)
+        return float(np.abs(shown - np.array(solid.forces)).max() / solid.peak), {}
 
     calls = {f"adaptive, rtol {r:.0e}": (OURS, ours(r)) for r in ((1e-5,) if quick else (1e-3, 1e-4, 1e-5))}
     steps = (20, 100) if quick else (20, 40, 100, 200, 400, 1000)
     calls |= {f"thesis's scheme, {n} steps a cycle": (THESIS, thesis(n)) for n in steps}
-    points = race(calls, 1 if quick else 3, judged_by(error), "adaptive, rtol 1e-05", budget=60.0)
+    points = race(calls, 1 if quick else 3, judge, "adaptive, rtol 1e-05", budget=60.0)
     name, title = f"line-tapping-{solid.terms}", f"Two cycles of tapping by a cylinder, {solid.name}"
-    return Suite(name, title, "worst error of the force over its peak (1)", points, notes=[speed_up(points)])
+    return Suite(name, title, "worst error of the force over its peak (1)", points)
 
 
 def _history(per_cycle: int) -> tuple[Floats, Floats]:

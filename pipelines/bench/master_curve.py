@@ -5,7 +5,7 @@ without windows and is written out here.
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from labpipe.arrays import Complexes, Floats
 from labpipe.materials import MasterCurve, master_curve
 from labpipe.report import SURE
-from pipelines.bench.measure import Extra, Suite, Timing, race
+from pipelines.bench.measure import Extra, Suite, race
 from pipelines.rig.solids import Element, Solid
 
 _PROCEDURE = "RepTate's procedure"
@@ -47,8 +47,8 @@ def _compared(name: str, words: str, truth: Solid, quick: bool) -> Suite:
         methods[f"{_PROCEDURE}, {label}"] = _PROCEDURE, partial(pairwise_shifts, is_vertical=is_vertical)
     calls = {label: (group, partial(method, sets[0])) for label, (group, method) in methods.items()}
 
-    def judge(label: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        found: list[Any] = [timings[label].value, *(methods[label][1](made) for made in sets[1:])]
+    def judge(label: str, first: Any) -> tuple[float, Extra]:
+        found: list[Any] = [first, *(methods[label][1](made) for made in sets[1:])]
         shifts = [one.log10_aT.values if isinstance(one, MasterCurve) else one for one in found]
         errors = [made.error(one) for made, one in zip(sets, shifts, strict=True)]
         extra: dict[str, float] = {"worst (decades)": float(np.max(errors))}

@@ -71,8 +71,7 @@ class Suite:
 
     ``name``: short, unique within a run ("dic"); ``title``: the measured quantity and its truth; ``error_label``:
     axis label of the error, with its unit: "RMS error (px)"; ``notes``: data, truth, peers that are not installed;
-    ``time_label``: axis label of the time, if it is not that of one whole call; ``has_diagram``: false where only the
-    table makes sense.
+    ``time_label``: axis label of the time, if it is not that of one whole call.
     """
 
     name: str
@@ -82,7 +81,6 @@ class Suite:
     bounds: Sequence[Bound] = ()
     notes: Sequence[str] = ()
     time_label: str = "run time of a call (s)"
-    has_diagram: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,14 +96,9 @@ class Timing:
     samples: tuple[float, ...]
     value: object
 
-    def ratio(self, reference: "Timing") -> tuple[float, float, float]:
-        """Return median, lowest and highest ratio of the time to that of another contender of one call, run by run."""
-        ratios = [a / b for a, b in zip(self.samples, reference.samples, strict=True)]
-        return median(ratios), min(ratios), max(ratios)
 
-
-Judge = Callable[[str, Mapping[str, Timing]], tuple[float, Extra]]
-"""Takes a setting and all timings; returns its error, and further columns."""
+Judge = Callable[[str, Any], tuple[float, Extra]]
+"""Takes a setting and its result; returns its error, and further columns."""
 
 
 def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget: float = math.inf) -> dict[str, Timing]:
@@ -121,8 +114,8 @@ def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget:
     Examples
     --------
     >>> timings = paired({"short": lambda: sum(range(10)), "long": lambda: sum(range(9999))}, 5)
-    >>> timings["long"].ratio(timings["short"])[0] > 1
-    True
+    >>> len(timings["long"].samples), timings["long"].value
+    (5, 49985001)
     """
     if repeats < 1:
         raise InputError(f"{repeats} repeats give no median; ask for one at least")
@@ -149,21 +142,11 @@ def race(
     timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget)
     points = []
     for name, (group, _) in calls.items():
-        error, extra = judge(name, timings)
         timing = timings[name]
+        error, extra = judge(name, timing.value)
         seconds, cold, is_default = timing.seconds / per, timing.cold_seconds, name == default
         points.append(Point(name, error, seconds, group, is_default, cold, extra, timing.samples))
     return points
-
-
-def judged_by(error: Callable[[Any], float], **extra: Callable[[Any], float]) -> Judge:
-    """Return a judge by the result alone: its error, and further columns by name."""
-
-    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        found = timings[name].value
-        return error(found), {column: of(found) for column, of in extra.items()}
-
-    return judge
 
 
 def _timed(call: Callable[[], object]) -> tuple[float, object]:

@@ -96,8 +96,7 @@ def _blocks(result: PartResult) -> Iterator[Block]:
 
 def drawable(suite: Suite) -> list[tuple[int, Point]]:
     """Return the points of a suite's diagram with their numbers in the table: those with an error and a run time."""
-    timed = [(n, p) for n, p in enumerate(suite.points, 1) if p.seconds > 0 and math.isfinite(p.error)]
-    return timed if suite.has_diagram else []
+    return [(n, p) for n, p in enumerate(suite.points, 1) if p.seconds > 0 and math.isfinite(p.error)]
 
 
 def draw(suite: Suite) -> bytes:

@@ -102,8 +102,8 @@ def collision_model(inputs: Inputs | None, shown: tuple[float, float] = (-60.0, 
     )
 
 
-def _fitted(drops: Mapping[float, Sequence[xr.Dataset]]) -> tuple[dict[float, _Law], str]:
-    """Fit one E, and the damping of each height, to all restitutions and contact durations.
+def _fitted(drops: Mapping[float, Sequence[xr.Dataset]], impacts: int = 4) -> tuple[dict[float, _Law], str]:
+    """Fit one E, and the damping of each height, to the first restitutions and contact durations.
 
     Returned are the laws by height in m, and a note on them.
     """
@@ -115,7 +115,17 @@ def _fitted(drops: Mapping[float, Sequence[xr.Dataset]]) -> tuple[dict[float, _L
         return {height: replace(common, damping=damping) for height, damping in dampings}
 
     def misses(parts: Floats) -> Floats:
-        return np.concatenate([_missed(law, height, drops[height]) for height, law in laws(parts).items()])
+        """Model minus measured restitution and relative duration; a missing impact counts as lost."""
+        found = []
+        for height, law in laws(parts).items():
+            fall = float(np.sqrt(2.0 * height / SPHERE.gravity))
+            made = law.run(height, 2.0 * (impacts + 0.5) * fall, impacts=impacts, time=[0.0])
+            for name, is_relative in (("restitution", False), ("contact_duration", True)):
+                ours = np.nan_to_num(np.pad(made[name].values, (0, impacts - made.sizes["impact"])))
+                for seen in drops[height]:
+                    values = seen[name].values[:impacts]
+                    found.append((ours[: values.size] - values) / (values if is_relative else 1.0))
+        return np.concatenate(found)
 
     found = least_squares(misses, np.ones(1 + len(drops)), bounds=(0.0, np.inf), diff_step=1e-3, xtol=1e-4, ftol=1e-4)
     best = laws(found.x)
@@ -124,19 +134,6 @@ def _fitted(drops: Mapping[float, Sequence[xr.Dataset]]) -> tuple[dict[float, _L
         f"E = {found.x[0] * _ON_A_FLAT.modulus / 1e9:.2f} GPa and c_v = {each} N s/m^1.5 by a fit to "
         f"{found.fun.size // 2} restitutions and contact durations, left {np.sqrt(np.mean(found.fun**2)):.4f} rms"
     )
-
-
-def _missed(law: _Law, height: float, repeats: Sequence[xr.Dataset], impacts: int = 4) -> Floats:
-    """Return model minus measured restitution and relative duration (2 impacts,); a missing impact counts as lost."""
-    duration = 2.0 * (impacts + 0.5) * float(np.sqrt(2.0 * height / SPHERE.gravity))  # holds all that are fitted
-    made = law.run(height, duration, impacts=impacts, time=[0.0])
-    found = []
-    for name, is_relative in (("restitution", False), ("contact_duration", True)):
-        ours = np.nan_to_num(np.pad(made[name].values, (0, impacts - made.sizes["impact"])))
-        for seen in repeats:
-            values = seen[name].values[:impacts]
-            found.append((ours[: values.size] - values) / (values if is_relative else 1.0))
-    return np.concatenate(found)
 
 
 def _agreement(made: xr.Dataset, since: Floats, moved: Floats, begin: float, until: float) -> float:

@@ -124,13 +124,7 @@ def _conventions() -> Iterator[Row]:
     printed = abs(np.exp(1j * angle[0] + np.angle(modulus)))
     why = "brackets are missing: exp(i (omega t + delta)); as printed the amplitude grows with the phase"
     yield Row("1.15", "amplitude of the stress over |G*| epsilon_0", float(printed), float(found), "1", 1e-3, why)
-    yield _entropy(solid)
-    yield _shifts(solid)
-    yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
-
-
-def _entropy(solid: materials.Prony) -> Row:
-    """Compare (1.17) with (1.22) for an ideal rubber, whose stored energy is -theta times its entropy."""
+    # (1.17) with (1.22) for an ideal rubber, whose stored energy is -theta times its entropy
     time = np.linspace(0.0, 4.0, 4001)
     made = materials.respond(solid, time, np.minimum(time, 1.0))
     work = float(np.trapezoid(made["stress"], made["strain"]))
@@ -138,17 +132,15 @@ def _entropy(solid: materials.Prony) -> Row:
     left, lost = work - stored - heat, float(made["dissipated_energy"][-1])  # of (1.16): all but the term of (1.17)
     why = "the dot belongs to the entropy, rho theta ds/dt: as printed (1.22) does not follow at constant temperature"
     name = "dissipation by (1.16), (1.17) over (1.22), rubber"
-    return Row("1.17", name, left / lost, (left + heat) / lost, "1", 1e-3, why)
-
-
-def _shifts(solid: materials.Prony) -> Row:
-    """Return the signs that log a_T of a warmer, softer solid has as factor of time and of frequency."""
+    yield Row("1.17", name, left / lost, (left + heat) / lost, "1", 1e-3, why)
+    # log a_T of a warmer, softer solid as factor of time and of frequency
     warm, decades = solid.shifted(10.0 ** float(materials.wlf(15.0, 250.0, 20.0).log10_aT(30.0))), (-6.0, 6.0)
     of_time = brentq(lambda x: float(solid.relaxation(10.0**x) - warm.relaxation(1.0)), *decades)
     of_frequency = brentq(lambda x: (solid.complex_modulus(10.0**x) - warm.complex_modulus(1.0)).real, *decades)
     why = "(1.26) multiplies the time by a, (2.35) the frequency; of a material that softens one rises, one falls"
     name, signs = "sign of d log a_T / d T by both", np.sign([of_time, of_frequency])
-    return Row("1.26, 2.35", name, float(signs[0]), float(signs[1]), "1", 0, why, _CONTRADICTS)
+    yield Row("1.26, 2.35", name, float(signs[0]), float(signs[1]), "1", 0, why, _CONTRADICTS)
+    yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
 
 
 def _indenter() -> Iterator[Row]:

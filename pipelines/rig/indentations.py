@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments import mach1
 from instruments.mach1 import LoadCell, assemble, make_block
@@ -192,14 +191,25 @@ def record_parts(
     return pieces
 
 
-def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
-    """Return the true force over all blocks, at every fine point."""
+def _force(specimen: Specimen, parts: list[Part], begins: Floats, dense: float = 1.0, thinning: int = 50) -> Floats:
+    """Return the true force over all blocks, at every fine point.
+
+    Where the stage rests it is smooth in log time: from ``dense`` s after a motion on one point in ``thinning`` is
+    computed.
+    """
     time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
     displacement = np.concatenate([p.displacement for p in parts])
     # of an oscillation 400 points a cycle are computed: a line between two misses 3e-5 of the amplitude
     every = [max(1, int(RATE * OVERSAMPLING / (400 * p.frequency))) if p.frequency else 1 for p in parts]
     strides = [np.full(p.time.size, stride) for p, stride in zip(parts, every, strict=True)]
-    kept = _where_it_matters(time, displacement, np.concatenate(strides))
+    moves, number = np.flatnonzero(np.diff(displacement) != 0), np.arange(time.size)
+    since, last = np.full(time.size, np.inf), np.searchsorted(moves, number, side="right") - 1
+    since[last >= 0] = time[last >= 0] - time[moves[last[last >= 0]] + 1]
+    keep = (since < dense) & (number % np.concatenate(strides) == 0) | (number % thinning == 0)
+    # the last fine point before a motion begins must stay, or the ramp would start early
+    keep[moves[np.diff(moves, prepend=-2) > 1]] = True
+    keep[[0, -1]] = True
+    kept = np.flatnonzero(keep)
     force, _ = reference_indentation(
         solid_of(specimen.material),
         tip_radius=specimen.tip_radius,
@@ -209,25 +219,6 @@ def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
         displacement=displacement[kept],
     )
     return np.interp(time, time[kept], force)
-
-
-def _where_it_matters(
-    time: Floats, displacement: Floats, stride: NDArray[np.int64], dense: float = 1.0, thinning: int = 50
-) -> NDArray[np.int64]:
-    """Thin the fine grid out where the stage rests: force is smooth in log time there.
-
-    A slow oscillation needs one of ``stride`` points only, rest one in ``thinning`` from ``dense`` s after a motion on.
-    """
-    moves = np.flatnonzero(np.diff(displacement) != 0)
-    since = np.full(time.size, np.inf)
-    last = np.searchsorted(moves, np.arange(time.size), side="right") - 1
-    since[last >= 0] = time[last >= 0] - time[moves[last[last >= 0]] + 1]
-    number = np.arange(time.size)
-    keep = (since < dense) & (number % stride == 0) | (number % thinning == 0)
-    # the last fine point before a motion begins must stay, or the ramp would start early
-    keep[moves[np.diff(moves, prepend=-2) > 1]] = True
-    keep[[0, -1]] = True
-    return np.flatnonzero(keep)
 
 
 def _truth_of(part: Part, force: Floats, protocol: Harmonic, tester: Tester) -> dict[str, float]:
