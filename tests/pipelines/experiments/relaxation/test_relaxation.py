@@ -19,9 +19,7 @@ from pipelines.experiments.relaxation import comparison, measured as relaxation,
 from pipelines.experiments.shared import mach1_readings, punch_model
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
-from pipelines.rig.indentation_session import relaxation_section
-from pipelines.rig.indentations import Specimen
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.indentations import TESTER, Relaxation, Specimen, relaxation_section, write_relaxation
 from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import open_session, process, result
 from tests.pipelines.budgets import quantities
