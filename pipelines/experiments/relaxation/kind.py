@@ -23,7 +23,7 @@ _STAGES = (
         "relaxation curve, and moduli from the force",
     ),
     _each(
-        "relaxation.model:model",
+        "shared.punch_model:model",
         f"loads ramps {solid_of('substrate')}",
         "punch substrate model",
         "simulate with the measured displacement",
