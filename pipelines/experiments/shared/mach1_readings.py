@@ -145,17 +145,11 @@ def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
 
     Where the cell's record gives a delay the cutoff is the one that a Butterworth of this delay has.
     """
-    declared, measured = load_cell.declared_filter(loads.attrs), _measured_delay(loads)
-    if declared is None or measured is None:
+    declared, delay = load_cell.declared_filter(loads.attrs), json.loads(loads.attrs.get("filter_delay", "null"))
+    if declared is None or delay is None:
         return declared
     slow = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"])
-    return declared | {"cutoff": float(declared["cutoff"]) * slow.delay / measured[0]}
-
-
-def _measured_delay(loads: xr.Dataset) -> list[float] | None:
-    """Return the delay of the filter that the cell's record gives, and its uncertainty [s]."""
-    found: list[float] | None = json.loads(loads.attrs.get("filter_delay", "null"))
-    return found
+    return declared | {"cutoff": float(declared["cutoff"]) * slow.delay / delay[0]}
 
 
 def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag:
@@ -163,14 +157,14 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag:
 
     The uncertainty of a delay that the cell's record gives replaces that of the filter's type.
     """
-    declared, measured = declared_filter(loads), _measured_delay(loads)
+    declared, delay = declared_filter(loads), json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None:
         return load_cell.FilterLag(1.0, 0.0, 0.0, 0.0, 0.0, "no filter is declared")
     lag = load_cell.filter_lag(frequency, int(declared["order"]), float(declared["cutoff"]))
-    if measured is None:
+    if delay is None:
         return lag
     note = "delay measured, see the record of the load cell"
-    return lag._replace(u_gain=0.0, u_phase=lag.phase * measured[1] / measured[0], note=note)
+    return lag._replace(u_gain=0.0, u_phase=lag.phase * delay[1] / delay[0], note=note)
 
 
 def filter_delay(loads: xr.Dataset) -> Quantity:
@@ -180,27 +174,21 @@ def filter_delay(loads: xr.Dataset) -> Quantity:
     return Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
 
 
-def filtered(force_values: Floats, interval: float, declared: dict[str, float]) -> Floats:
-    """Pass a force (n,) [N] at the instrument's rate through the load cell's filter, of an order and a cutoff."""
+def passed(loads: xr.Dataset, force: Floats) -> Floats:
+    """Pass the force (sample,) [N] of every block through the cell's filter."""
     from scipy.interpolate import Akima1DInterpolator
     from scipy.signal import sosfilt, sosfilt_zi
 
-    coarse = np.arange(force_values.size)
-    fine = np.arange(force_values.size * FINENESS) / FINENESS
-    # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
-    force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
-    sections = filter_sections(declared, interval)
-    passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
-    return passed[::FINENESS]
-
-
-def passed(loads: xr.Dataset, force_values: Floats) -> Floats:
-    """Pass the force (sample,) [N] of every block through the cell's filter."""
-    declared = declared_filter(loads)
+    declared, made = declared_filter(loads), force.copy()
     if declared is None:
-        return force_values.copy()
-    interval, blocks = float(np.nanmedian(loads["sampling_interval"].values)), np.unique(loads["block"].values)
-    return np.concatenate([filtered(force_values[rows(loads, block)], interval, declared) for block in blocks])
+        return made
+    sections = filter_sections(declared, float(np.nanmedian(loads["sampling_interval"].values)))
+    for part in (rows(loads, block) for block in np.unique(loads["block"].values)):
+        each = np.arange(force[part].size * FINENESS) / FINENESS
+        # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
+        fine = Akima1DInterpolator(np.arange(force[part].size), force[part], extrapolate=True)(each)
+        made[part] = sosfilt(sections, fine, zi=sosfilt_zi(sections) * fine[0])[0][::FINENESS]
+    return made
 
 
 def filter_sections(declared: dict[str, float], interval: float) -> Floats:

@@ -22,14 +22,14 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
-from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared import mach1_readings, mach1_touch
 from pipelines.experiments.shared.mach1_readings import relative_gain
 from pipelines.experiments.shared.material_choice import Variation, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 
 TOUCH = "first touch"
-SHIFT = 1e-7
+SHIFT = mach1_touch.STEP
 """m of first touch by which a derivative is found: far above the solver's own error."""
 NOTHING_NAMED = "session.toml names no punch and no substrate, so nothing was simulated"
 _DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
