@@ -246,6 +246,13 @@ def touch_of(found: xr.Dataset) -> Quantity:
     return Quantity(float(found["contact_position"]), float(found["u_contact_position"]), "m")
 
 
+def ramp_speed(time: Floats, position: Floats) -> float:
+    """Return the speed [m/s] of the middle of a ramp that ends with the last reading; NaN by fewer than three."""
+    share = (position - position[0]) / ((position[-1] - position[0]) or np.nan)
+    middle = (share > 0.1) & (share < 0.9)
+    return float(np.polyfit(time[middle], position[middle], 1)[0]) if middle.sum() > 2 else np.nan
+
+
 def history(time: Floats, displacement: Floats) -> Integers:
     """Choose the samples that a simulation needs: all in motion, few at rest, the first and the last."""
     moving = np.concatenate([[True], np.diff(displacement) != 0])
