@@ -43,7 +43,7 @@ class Series:
         repeat behind a band). Still pictures leave it out.
     level : float, optional
         Place of the curve in a family, from 0 (cold) to 1 (warm): it takes its colour from a
-        scale, and its name is shown at its end.
+        scale, and its name is shown at its end, unless it is that of a model.
 
     Raises
     ------
@@ -81,14 +81,20 @@ class Band(Series):
         Entry of the legend; name the coverage of the band ("mean ± 1 sd, n = 5").
     x, low, high : array_like (n,)
         Numbers in the units that the axis labels name; NaN is a gap.
-    role : str or None
-        Give the role of the curve that the band belongs to.
+    role, level : str or None, float or None
+        Those of the curve that the band belongs to.
     """
 
     def __init__(
-        self, name: str, x: "ArrayLike", low: "ArrayLike", high: "ArrayLike", role: Role | None = None
+        self,
+        name: str,
+        x: "ArrayLike",
+        low: "ArrayLike",
+        high: "ArrayLike",
+        role: Role | None = None,
+        level: float | None = None,
     ) -> None:
-        super().__init__(name, x, low, "band", role, high)
+        super().__init__(name, x, low, "band", role, high, level=level)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.materials import ShiftLaw
 from labpipe.report import (
+    SURE,
     Band,
     Block,
     Details,
@@ -33,13 +34,12 @@ from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.judgements import capitalised, with_minus
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
-_MPA = 1e-6
+_LOG_LOG: dict[str, Any] = {"x_scale": "log", "y_scale": "log"}
 _MODULI = {"storage": "Storage modulus", "loss": "Loss modulus"}
 _BAND = (
     "The band includes the uncertainty of the spectrum, the shifts, the vertical law and the delay; it assumes that "
     "superposition holds."
 )
-_COVERAGE = 1.96  # of the bands, 95 %
 # What a verdict on the model is called; the verdict on the record, above, has words of its own.
 _SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
@@ -130,13 +130,13 @@ def _isotherms(table: xr.Dataset, name: str) -> list[Series]:
     """Return the shifted points of each temperature, coldest first, on a scale of colours."""
     series: list[Series] = []
     temperature = table["temperature"].values
-    span = float(np.ptp(temperature))
+    span = float(np.ptp(temperature)) or 1.0
     for i in np.argsort(temperature, kind="stable"):
-        x, y = table["point_reduced_frequency"].values[i], table[f"{name}_reduced"].values[i] * _MPA
+        x, y = table["point_reduced_frequency"].values[i], table[f"{name}_reduced"].values[i]
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
-            level = (float(temperature[i]) - float(temperature.min())) / span if span else 0.5
+            level = float(temperature[i] - temperature.min()) / span
             title = with_minus(f"{temperature[i]:.0f} °C")
             again = sum(one.name.split(",")[0] == title for one in series)
             title += f", sweep {again + 1}" if again else ""
@@ -159,21 +159,17 @@ def _shifts(master_curve: xr.Dataset) -> Section:
     caption = "Bars are standard uncertainties."
     if laws and not holding:
         caption += " No law is drawn, because none describes the shifts within their uncertainty."
-    blocks: list[Block] = [
-        LineChart("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, height_px=240, caption=caption)
-    ]
+    labels = ("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series)
+    blocks: list[Block] = [LineChart(*labels, height_px=240, caption=caption)]
     if "T_peak" in master_curve:
-        f, T_g = master_curve["transition_frequency"].values, master_curve["T_peak"].values
-        drawn = [
-            Series(_CRITERIA["T_peak"], f, T_g, style="points", role="measured", u=master_curve["u_T_peak"].values)
-        ]
+        f, T_g, u_T = (master_curve[n].values for n in ("transition_frequency", "T_peak", "u_T_peak"))
+        drawn = [Series(_CRITERIA["T_peak"], f, T_g, style="points", role="measured", u=u_T)]
         words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
         shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)
         blocks.append(LineChart(*shape, x_scale="log", height_px=220, caption=words))
     columns = [
         Listed("temperature / °C", T.tolist(), digits=3),
-        pages.column(rising, "log10_aT", "log₁₀ a_T"),
-        pages.column(rising, "b_T", "b_T"),
+        *pages.columns(rising, {"log10_aT": "log₁₀ a_T", "b_T": "b_T"}),
     ]
     fits = [(f"law of {_LAWS[name]}", *_law(law)) for name, law in laws.items()]
     if float(master_curve["delay"]):
@@ -215,16 +211,16 @@ def _master(master_curve: xr.Dataset) -> Section:
     label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = []
     for name, title in _MODULI.items():
-        y, u = (master_curve[f"{of}master_{name}"].values * _MPA for of in ("", "u_"))
-        low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
-        curves: list[Series | Band] = [
+        y, u = (master_curve[f"{of}master_{name}"].values for of in ("", "u_"))
+        low = np.maximum(y - SURE * u, y * 1e-3)  # a logarithmic axis shows no zero
+        curves: list[Series] = [
             *_isotherms(master_curve, name),
             Series("fitted spectrum", x, y, role="model"),
-            Band("95 %", x, low, y + _COVERAGE * u, role="model"),
+            Band("95 %", x, low, y + SURE * u, role="model"),
         ]
-        labels = (f"{title}, master curve", label, f"{title.lower()} / MPa")
+        labels = (f"{title}, master curve", label, f"{title.lower()} / MPa", curves)
         caption = _BAND if name == "storage" else ""
-        blocks.append(pages.log_log(*labels, curves, group="master", height_px=300, caption=caption))
+        blocks.append(pages.chart(*labels, **_LOG_LOG, group="master", height_px=300, caption=caption))
     return Section("Master curve", blocks)
 
 
@@ -247,19 +243,20 @@ def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset |
 
 
 def _transition(temperature_sweep: xr.Dataset) -> Section:
-    ramps, moduli, factors = temperature_sweep, [], []
+    ramps, moduli, factors = temperature_sweep, list[Series](), list[Series]()
+    parts: tuple[tuple[str, str, Role], ...] = (("E′", "storage", "measured"), ("E″", "loss", "model"))
     for i, frequency in enumerate(ramps["frequency"].values):
         name, one = f"{frequency:.3g} Hz", ramps.isel(point=ramps["ramp_of"].values == i)
         T = one["temperature"].values
-        for sign, of, role in (("E′", "storage", "measured"), ("E″", "loss", "model")):
-            moduli.append(Series(f"{sign}, {name}", T, one[of].values * _MPA, role=cast("Role", role)))
+        for sign, of, role in parts:
+            moduli.append(Series(f"{sign}, {name}", T, one[of].values, role=role))
         factors.append(Series(f"tan δ, {name}", T, one["loss_factor"].values, role="measured"))
     places = (("tan δ", float(ramps["T_peak"][0])), ("fall of E′", float(ramps["T_drop"][0])))
     lines = [(title, place) for title, place in places if np.isfinite(place)]
-    drawn = partial(LineChart, x_label="temperature / °C", vlines=lines, group="ramp")
+    drawn = partial(pages.chart, x="temperature / °C", vlines=lines, group="ramp")
     charts = (
-        drawn("Moduli over temperature", y_label="modulus / MPa", series=moduli, y_scale="log"),
-        drawn("Loss factor over temperature", y_label="tan δ", series=factors, height_px=220),
+        drawn("Moduli over temperature", y="modulus / MPa", series=moduli, y_scale="log"),
+        drawn("Loss factor over temperature", y="tan δ", series=factors, height_px=220),
     )
     return Section("Temperature sweep", (Details("Moduli and loss factor over temperature", charts),))
 
@@ -272,11 +269,11 @@ def _terms(context: Context, master_curve: xr.Dataset) -> Section:
         f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
         "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
     )
-    rho, E = master_curve["rho"].values, master_curve["E"].values * _MPA
+    rho, E = master_curve["rho"].values, master_curve["E"].values
     series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
-    chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
+    chart = pages.chart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, **_LOG_LOG)
     return Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
 
 
