@@ -8,7 +8,7 @@ it is filled.
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import instruments
 from labpipe.errors import LabpipeError
 from labpipe.workflow import fields
-from pipelines.experiments._kind import Found
+from pipelines.experiments._kind import Found, Proposed
 
 GAP = fields.GAP
 
@@ -80,6 +80,19 @@ def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[
         groups.setdefault(stem(name), []).append(name)
     for key in sorted(groups):
         yield key, sorted(groups[key])
+
+
+def of_groups(
+    found: Found,
+    names: Iterable[str],
+    stem: Callable[[str], str],
+    text: Callable[[Found, Sequence[str], str], str],
+    accepts: Callable[[str], bool] = bool,
+) -> Iterator[Proposed]:
+    """Propose an experiment for the files of each stem whose first is accepted; ``text`` takes the scan and them too."""
+    for key, files in grouped(names, stem):
+        if accepts(files[0]):
+            yield Proposed(key, tuple(files), partial(text, found, files))
 
 
 def identifier(stem: str) -> str:
