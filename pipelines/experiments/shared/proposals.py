@@ -89,7 +89,7 @@ def of_groups(
     text: Callable[[Found, Sequence[str], str], str],
     accepts: Callable[[str], bool] = bool,
 ) -> Iterator[Proposed]:
-    """Propose an experiment for the files of each stem, if the first is accepted; ``text`` takes scan, files and name."""
+    """Propose an experiment for the files of each stem whose first is accepted; ``text`` takes scan, files, name."""
     for key, files in grouped(names, stem):
         if accepts(files[0]):
             yield Proposed(key, tuple(files), partial(text, found, files))
