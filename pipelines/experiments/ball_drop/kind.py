@@ -87,5 +87,5 @@ KIND = Kind(
     budget=derived("ball_drop.budget:quantities", "bounces displacement model"),
     body="sphere",
     evidence=derived("ball_drop.evidence:evidence", f"bounces repeats other:plate_from/plate {solid_of('sphere')}"),
-    proposal=proposal("displacement", "shared.laser_proposal:drops"),
+    proposal=proposal("displacement", "ball_drop.proposal:proposed"),
 )

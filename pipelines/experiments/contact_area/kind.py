@@ -64,5 +64,5 @@ KIND = Kind(
     film="pipelines.experiments.contact_area.page:film",
     body="sphere",
     evidence=derived("contact_area.evidence:evidence", f"radius impacts other:plate_from/plate {solid_of('sphere')}"),
-    proposal=proposal("film", "shared.film_proposal:contacts"),
+    proposal=proposal("film", "contact_area.proposal:proposed"),
 )

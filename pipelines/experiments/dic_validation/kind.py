@@ -66,5 +66,5 @@ KIND = Kind(
     rows=derived("dic_validation.comparison:rows", "comparison"),
     budget=derived("dic_validation.budget:quantities", "motion comparison"),
     film="pipelines.experiments.dic_validation.page:film",
-    proposal=proposal("film", "shared.film_proposal:holders"),
+    proposal=proposal("film", "dic_validation.proposal:proposed"),
 )

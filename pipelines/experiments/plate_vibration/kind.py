@@ -68,5 +68,5 @@ KIND = Kind(
     picture=Picture("displacement", "time", "displacement"),
     rows=derived("plate_vibration.comparison:rows", "comparison table plate"),
     budget=derived("plate_vibration.budget:quantities", "displacement table plate"),
-    proposal=proposal("displacement", "shared.laser_proposal:plates"),
+    proposal=proposal("displacement", "plate_vibration.proposal:proposed"),
 )

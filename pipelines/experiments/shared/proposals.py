@@ -8,7 +8,7 @@ it is filled.
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -83,16 +83,11 @@ def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[
 
 
 def of_groups(
-    found: Found,
-    names: Iterable[str],
-    stem: Callable[[str], str],
-    text: Callable[[Found, Sequence[str], str], str],
-    accepts: Callable[[str], bool] = bool,
+    found: Found, names: Iterable[str], stem: Callable[[str], str], text: Callable[[Found, list[str], str], str]
 ) -> Iterator[Proposed]:
-    """Propose an experiment for the files of each stem whose first is accepted; ``text`` takes scan, files, name."""
+    """Propose an experiment for the files of each stem; ``text`` takes the scan, the files and the name."""
     for key, files in grouped(names, stem):
-        if accepts(files[0]):
-            yield Proposed(key, tuple(files), partial(text, found, files))
+        yield Proposed(key, tuple(files), partial(text, found, files))
 
 
 def identifier(stem: str) -> str:

@@ -10,31 +10,32 @@ from pipelines.experiments.shared import proposals
 def oscillations(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for every file with an oscillation."""
     ours = [name for name in names if _holds(found, name, "Sinusoid")]
-    yield from proposals.of_groups(found, ours, proposals.whole_stem, partial(_tables, "harmonic"))
+    head = 'kind = "harmonic"\nmach1 = {first}'
+    yield from proposals.of_groups(found, ours, proposals.whole_stem, partial(_tables, head))
 
 
 def relaxations(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for files with a relaxation and no oscillation; several depths form one."""
     ours = [n for n in names if _holds(found, n, "Stress Relaxation") and not _holds(found, n, "Sinusoid")]
-    yield from proposals.of_groups(found, ours, proposals.without_depth, partial(_tables, "relaxation"))
+    head = 'kind = "relaxation"\nmach1 = {all}'
+    yield from proposals.of_groups(found, ours, proposals.without_depth, partial(_tables, head))
 
 
 def _holds(found: Found, name: str, block: str) -> bool:
     return f"<{block}>".encode() in found.path(name).read_bytes()
 
 
-def _tables(kind: str, found: Found, files: Sequence[str], name: str) -> str:
-    """Return the tables of an experiment; only a relaxation has several files."""
+def _tables(head: str, found: Found, files: Sequence[str], name: str) -> str:
+    """Return the tables of an experiment that begins with some lines."""
     first = f'"{proposals.quoted(files[0])}"'
-    mach1 = first if kind == "harmonic" else proposals.listed(files) if len(files) > 1 else f"[{first}]"
+    listed = proposals.listed(files) if len(files) > 1 else f"[{first}]"
     record = next(iter(found.of("record:load_cell")), None)
     word = proposals.material_word(name) or "nbr"
     measured = proposals.dma_of(word, found)
     solid = f'material = "{word}"' if measured is None else f'material_from = "{measured}"'
     cell = "" if record is None else f'\n[experiments.{name}.load_cell]\nrecord = "{record}"'
     return f"""[experiments.{name}]
-kind = "{kind}"
-mach1 = {mach1}
+{head.format(first=first, all=listed)}
 # For the simulation, state punch and substrate:
 # [experiments.{name}.punch]
 # radius = "2 mm"      # of a cylindrical tip

@@ -50,5 +50,5 @@ KIND = Kind(
     rows=derived("static_loading.comparison:rows", "comparison approach"),
     budget=derived("static_loading.budget:quantities", "displacement steps approach model"),
     body="sphere",
-    proposal=proposal("displacement", "shared.laser_proposal:loads"),
+    proposal=proposal("displacement", "static_loading.proposal:proposed"),
 )

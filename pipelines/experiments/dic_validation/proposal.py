@@ -1,0 +1,24 @@
+"""Proposals of ``init``: films not taken from under the disc."""
+
+import re
+from collections.abc import Iterator, Sequence
+
+from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.record_templates import head, is_exported
+
+_GUESSED = 'a guess: the name tells no view; a film through the disc is of kind "contact_area"'
+_NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)
+
+
+def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for every film; for exported images only where their name says so."""
+    ours = [name for name in names if _NAMED.search(name) or not is_exported(found, name)]
+    yield from proposals.of_groups(found, ours, proposals.whole_stem, _text)
+
+
+def _text(found: Found, files: Sequence[str], name: str) -> str:
+    why = {} if _NAMED.search(files[0]) else {"why": _GUESSED}
+    return f"""{head(found, files[0], "dic_validation", name, **why)}
+# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion
+# tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
