@@ -36,7 +36,6 @@ _AROUND = (
     "frames of the contact, since the largest radius is flat in time. Bars: standard uncertainty of the film. Band: "
     "twice that of the model, in which size and duration of a contact move together, as by a wrong modulus."
 )
-_GROUP = "film"  # charts and frames over the film's time
 
 
 def _details(
@@ -75,7 +74,7 @@ def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | N
     shown = "Frames all over the film, since no impact was found in it"
     shown = shown if impacts is None else "The frames of each impact, of a long one every few, and rest"
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
-    gallery = strip("Film with the fitted circle", drawn, start=top, group=_GROUP, caption=caption)
+    gallery = strip("Film with the fitted circle", drawn, start=top, group="film", caption=caption)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
@@ -147,7 +146,7 @@ def _over_time(
         "standard uncertainty."
     )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm", curves)
-    charts: list[Block] = [pages.chart(*labels, group=_GROUP, views=views, opens_on_view=bool(views), caption=caption)]
+    charts: list[Block] = [pages.chart(*labels, group="film", views=views, opens_on_view=bool(views), caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts += _around(comparison, model)
         charts += pages.limits_of(model)

@@ -21,7 +21,6 @@ _MASKS = (
     "Green: regions that count; purple: covered parts that do not, both moving with the large subset; ochre: "
     "obstructions that stand still before the holder and do not count. "
 )
-_GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
 
 
@@ -45,7 +44,7 @@ def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset |
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1) + _MASKS * bool(settings.tracking.masks)
     caption += "The charts below mark the frame that is shown." * (start is not None)
-    gallery = strip("Film with the tracked subsets", drawn, caption=caption, group=_GROUP)
+    gallery = strip("Film with the tracked subsets", drawn, caption=caption, group="film")
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
@@ -114,12 +113,12 @@ def _motion(
     moved, time = motion["displacement"].values, motion["time"].values
     if bounces is None:  # no contact from which to count
         labels = ("Displacement", "time in the film / ms", "displacement / mm, upwards")
-        return Section("Motion", (pages.chart(*labels, [Series("film", time, moved, role="measured")], group=_GROUP),))
+        return Section("Motion", (pages.chart(*labels, [Series("film", time, moved, role="measured")], group="film"),))
     start, level = float(bounces["first_contact_time"]), float(bounces["contact_level"])
     time = time - start
     touches, leaves = (bounces[f"{of}_time"].values - start for of in ("touch", "liftoff"))
     views = pages.impact_views(touches, leaves - touches)
-    chart = partial(pages.chart, x="time since first contact / ms", group=_GROUP, views=views)
+    chart = partial(pages.chart, x="time since first contact / ms", group="film", views=views)
     position, speed, difference = [Series("film", time, moved - level, role="measured")], list[Series](), list[Series]()
     if velocity is not None:
         speed.append(Series("film", time, velocity["velocity"].values, role="measured"))

@@ -40,8 +40,7 @@ _BAND = (
     "The band includes the uncertainty of the spectrum, the shifts, the vertical law and the delay; it assumes that "
     "superposition holds."
 )
-# What a verdict on the model is called; the verdict on the record, above, has words of its own.
-_SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
+# The verdict on superposition is one of the checks.
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
 _VERTICAL = {
     "none": "none",
@@ -63,9 +62,7 @@ def _summary(
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
     if (curve := master_curve) is not None:
-        frequency, superposition = curve["reduced_frequency"].values, json.loads(curve.attrs["superposition"])
-        kk = json.loads(curve.attrs["kramers_kronig"])
-        remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
+        frequency, kk = curve["reduced_frequency"].values, json.loads(curve.attrs["kramers_kronig"])
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
         rows += [
             ("reference temperature", with_minus(f"{float(curve['T_ref']):.4g} °C"), ""),
@@ -79,7 +76,6 @@ def _summary(
             ),
             _law_row(json.loads(curve.attrs["law"])),
             ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
-            ("superposition", _SUPERPOSITION[superposition["level"]], remark),
             ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
