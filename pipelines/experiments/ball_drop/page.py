@@ -8,14 +8,14 @@ import xarray as xr
 
 from labpipe.report import Band, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed, quantity
 from pipelines.experiments.ball_drop.budget import quantities
-from pipelines.experiments.ball_drop.comparison import rows as compared_rows
+from pipelines.experiments.ball_drop.comparison import rows
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_limits
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import described_plate, linear_range_rows, simulated
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.reports import Report
 
 _RIGID_FLOOR = (
     "The model assumes a floor that does not move. A real floor takes up energy: a floor of mass M lowers the "
@@ -167,7 +167,7 @@ def _model(settings: BallDrop, model: xr.Dataset) -> Section:
 
 def _methods(
     settings: BallDrop, displacement: Sequence[xr.Dataset | None] = (), model: xr.Dataset | None = None
-) -> Section:
+) -> str:
     sphere, n = settings.sphere, len(settings.laser)
     times = {1: "once", 2: "twice"}.get(n, f"{n} times")
     text = (
@@ -184,12 +184,14 @@ def _methods(
     )
     if model is not None:
         text += simulated(settings, model)
-    return pages.methods(text.strip(), settings)
+    return text
 
 
 page = Report(
-    lambda settings: f"Ball drop from {pages.stated(settings.height)}",
-    ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    (summary(compared_rows), motion, _bounces, _recordings, pages.recordings, _model, budgets(quantities), _methods),
-    compared_rows,
+    subtitle=lambda settings: f"Ball drop from {pages.stated(settings.height)}",
+    shown=("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
+    rows=rows,
+    sections=(motion, _bounces, _recordings, pages.recordings, _model),
+    budget=quantities,
+    methods=_methods,
 )

@@ -11,14 +11,14 @@ import xarray as xr
 from labpipe.imaging import USUAL_WORK
 from labpipe.report import Band, Block, Paragraph, Section, Series, quantity
 from pipelines.experiments.contact_area.budget import quantities
-from pipelines.experiments.contact_area.comparison import rows as compared_rows
+from pipelines.experiments.contact_area.comparison import rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP, with_circles
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import linear_range_rows, simulated
 from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, ink, strip
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.reports import Report
 
 _METHODS = {
     1: (
@@ -174,7 +174,7 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> Section:
+def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> str:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
     used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code] and text]
@@ -189,12 +189,15 @@ def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None
     text += ". "
     if model is not None:
         text += simulated(settings, model)
-    return pages.methods(text.strip(), settings)
+    return text
 
 
 page = Report(
-    lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
-    ("radius", "impacts", "model", "comparison", "keys"),
-    (summary(compared_rows, _details), _key_frames, _over_time, _calibration, budgets(quantities), _methods),
-    compared_rows,
+    subtitle=lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
+    shown=("radius", "impacts", "model", "comparison", "keys"),
+    details=_details,
+    rows=rows,
+    sections=(_key_frames, _over_time, _calibration),
+    budget=quantities,
+    methods=_methods,
 )

@@ -10,12 +10,12 @@ import xarray as xr
 
 from labpipe.report import Band, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation.budget import quantities
-from pipelines.experiments.dic_validation.comparison import rows as compared_rows
+from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.measured import with_points
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, ink, strip
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.reports import Report
 
 _MASKS = (
     "Green: regions that count; purple: covered parts that do not, both moving with the large subset; ochre: "
@@ -146,7 +146,7 @@ def _motion(
     return Section("Motion", charts)
 
 
-def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
+def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> str:
     size = int(track["subset"][0])
     text = (
         "The holder's motion was measured by digital image correlation (zero-normalised sum of squared differences, "
@@ -156,13 +156,16 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
     )
     if comparison is not None:
         text += " It was aligned with the mean of the laser's repeats at first contact."
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Camera against laser",
-    ("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
-    (summary(compared_rows, _details), _key_frames, _motion, _calibration, budgets(quantities), _methods),
-    compared_rows,
+    subtitle="Camera against laser",
+    shown=("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
+    details=_details,
+    rows=rows,
+    sections=(_key_frames, _motion, _calibration),
+    budget=quantities,
+    methods=_methods,
     counts={"comparison": lambda comparison: "nrmse" in comparison},
 )

@@ -32,7 +32,7 @@ from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.judgements import capitalised, with_minus
-from pipelines.experiments.shared.reports import Report, budgets, is_there
+from pipelines.experiments.shared.reports import Report, is_there
 
 _LOG_LOG: dict[str, Any] = {"x_scale": "log", "y_scale": "log"}
 _MODULI = {"storage": "Storage modulus", "loss": "Loss modulus"}
@@ -52,12 +52,12 @@ _LAWS = {"wlf": "WLF", "arrhenius": "Arrhenius"}
 _CRITERIA = {"T_peak": "maximum of tan δ", "T_drop": "steepest fall of E′"}
 
 
-def _summary(
+def _details(
     sweeps: xr.Dataset | None = None,
     master_curve: xr.Dataset | None = None,
     temperature_sweep: xr.Dataset | None = None,
-) -> Section:
-    rows: list[tuple[str, str, str]] = []
+) -> list[tuple[str, str, str]]:
+    rows = list[tuple[str, str, str]]()
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
@@ -79,8 +79,7 @@ def _summary(
             ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
-    rows += [] if master_curve is None else [_by_shifts(master_curve)]
-    return Section("Summary", [KeyValues(rows)] if rows else [])
+    return rows if master_curve is None else [*rows, _by_shifts(master_curve)]
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
@@ -273,7 +272,7 @@ def _terms(context: Context, master_curve: xr.Dataset) -> Section:
     return Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
 
 
-def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
+def _methods(settings: Dma, master_curve: xr.Dataset) -> str:
     T, asked = master_curve["temperature"].values, settings.fit.law
     text = f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
     text += f"{_celsius(T)}. "
@@ -293,12 +292,15 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         f"{capitalised(_law_row(json.loads(master_curve.attrs['law']))[1])}. "
         "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*missed)
     )
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Dynamic mechanical analysis",
-    ("readings", "sweeps", "master_curve", "temperature_sweep"),
-    (_summary, _master, _shifts, _transition, _readings, budgets(quantities), _terms, _methods),
+    subtitle="Dynamic mechanical analysis",
+    shown=("readings", "sweeps", "master_curve", "temperature_sweep"),
+    details=_details,
+    sections=(_master, _shifts, _transition, _readings, _terms),
+    budget=quantities,
+    methods=_methods,
     counts={"temperature_sweep": is_there},
 )

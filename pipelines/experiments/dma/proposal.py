@@ -41,13 +41,12 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     yield from proposals.of_groups(found, tables, stem, partial(_text, tables))
 
 
-def _text(tables: Mapping[str, xr.Dataset], found: Found, files: Sequence[str], name: str) -> str:
+def _text(tables: Mapping[str, xr.Dataset], _: Found, files: Sequence[str], name: str) -> str:
     """Return the table of an experiment; temperatures that the files do not hold are those of their names."""
-    del found
     temperature, loadings = "", dict(loading_of(tables[file]) for file in files)
     if any("temperature" not in tables[file] for file in files):
-        found = [_AT.search(proposals.whole_stem(file)) for file in files]
-        values = [GAP if m is None or m[2] == "K" else m[1].replace("m", "-").replace("p", ".") for m in found]
+        seen = [_AT.search(proposals.whole_stem(file)) for file in files]
+        values = [GAP if m is None or m[2] == "K" else m[1].replace("m", "-").replace("p", ".") for m in seen]
         source = "the file does not say it" if GAP in values else "proposed from the file name"
         quoted = ", ".join(f'"{value} degC"' for value in values)
         temperature = f"\ntemperatures = [{quoted}]  # of each file, in their order; {source}"

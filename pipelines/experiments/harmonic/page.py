@@ -7,12 +7,12 @@ import xarray as xr
 
 from labpipe.report import Block, Listed, Notice, ScatterChart, Section, Series, listed, number, value_with_uncertainty
 from pipelines.experiments.harmonic.budget import quantities
-from pipelines.experiments.harmonic.comparison import rows as compared_rows
+from pipelines.experiments.harmonic.comparison import rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.judgements import capitalised
 from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
-from pipelines.experiments.shared.reports import Report, budgets, is_there, summary
+from pipelines.experiments.shared.reports import Report, is_there
 
 
 def _details(settings: Harmonic, oscillations: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
@@ -153,7 +153,7 @@ def _loops(
     return Section("Loops", (pages.chart(*labels, kind=ScatterChart, caption=caption),))
 
 
-def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
+def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> str:
     frequency = oscillations["frequency"].values
     text = (
         f"Harmonic indentation was evaluated at {pages.counted(frequency.size, 'frequency', 'frequencies')}, "
@@ -168,16 +168,16 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
     )
     if comparison is not None:
         text += simulated_by(comparison["nrmse"].values)
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Harmonic indentation",
-    ("readings", "loads", "oscillations", "loops", "model", "theory", "comparison"),
-    (
-        summary(compared_rows, _details), measured, _frequencies, _stiffness, _dissipation, _loops,
-        budgets(quantities), _methods,
-    ),
-    compared_rows,
+    subtitle="Harmonic indentation",
+    shown=("readings", "loads", "oscillations", "loops", "model", "theory", "comparison"),
+    details=_details,
+    rows=rows,
+    sections=(measured, _frequencies, _stiffness, _dissipation, _loops),
+    budget=quantities,
+    methods=_methods,
     counts={"model": is_there, "comparison": is_there},
-)  # fmt: skip
+)

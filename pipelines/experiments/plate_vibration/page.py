@@ -8,11 +8,11 @@ import xarray as xr
 
 from labpipe.report import Block, Listed, Role, Section, Series, listed
 from pipelines.experiments.plate_vibration.budget import quantities
-from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
+from pipelines.experiments.plate_vibration.comparison import rows
 from pipelines.experiments.plate_vibration.measured import OF_PLATE, drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.reports import Report
 
 
 def _details(table: xr.Dataset, plate: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
@@ -76,7 +76,7 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
     return Section("Recordings", (listed(columns, text),))
 
 
-def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None) -> Section:
+def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None) -> str:
     kinds = sorted({drops.material for drops in settings.drops})
     text = (
         f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) were dropped in "
@@ -88,12 +88,15 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
             " The modal mass follows from the amplitudes and the momentum of the simulated impacts at its natural "
             "frequency."
         )
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Vibration of the plate",
-    ("readings", "displacement", "ringing", "table", "plate", "comparison"),
-    (summary(compared_rows, _details), pages.recordings, _motion, _table, _recordings, budgets(quantities), _methods),
-    compared_rows,
+    subtitle="Vibration of the plate",
+    shown=("readings", "displacement", "ringing", "table", "plate", "comparison"),
+    details=_details,
+    rows=rows,
+    sections=(pages.recordings, _motion, _table, _recordings),
+    budget=quantities,
+    methods=_methods,
 )

@@ -8,12 +8,12 @@ import xarray as xr
 
 from labpipe.report import Band, LineChart, Listed, Notice, Section, Series, listed, quantity
 from pipelines.experiments.relaxation.budget import quantities
-from pipelines.experiments.relaxation.comparison import rows as compared_rows
+from pipelines.experiments.relaxation.comparison import rows
 from pipelines.experiments.relaxation.measured import samples
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
-from pipelines.experiments.shared.reports import Report, budgets, is_there, summary
+from pipelines.experiments.shared.reports import Report, is_there
 
 
 def _label(tests: xr.Dataset | None, number: int) -> str:
@@ -69,12 +69,12 @@ def _forces(
 ) -> list[Section]:
     """Draw the force around each ramp, ``near`` it [s], and the means of all holds over the logarithm of time."""
     around, drawn, gaps = list[Series](), list[Series](), list[Series]()
-    places = [(n, i, rows) for n, ramp in enumerate(ramps) for i, rows in enumerate(samples(ramp))]
-    for place, (n, i, rows) in enumerate(places):
+    places = [(n, i, part) for n, ramp in enumerate(ramps) for i, part in enumerate(samples(ramp))]
+    for place, (n, i, part) in enumerate(places):
         load, ramp, compared = loads[n], ramps[n], comparison[n]
         label, level = _label(tests, place), pages.level(place, len(places))
-        since, force = load["time"].values[rows] - float(ramp["end"][i]), load["force"].values[rows]
-        model = [compared[f"{u}simulated_force"].values[rows] for u in ("", "u_")] if is_there(compared) else []
+        since, force = load["time"].values[part] - float(ramp["end"][i]), load["force"].values[part]
+        model = [compared[f"{u}simulated_force"].values[part] for u in ("", "u_")] if is_there(compared) else []
         shown, begin = np.abs(since) <= near, float(ramp["begin"][i] - ramp["end"][i])
         around.append(Series(label, since[shown] - begin, force[shown], role="measured", level=level))
         if model:
@@ -109,7 +109,7 @@ def _forces(
     return [Section("Ramp and peak", ramp_chart), Section("Relaxation", holds)]
 
 
-def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
+def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> str:
     depths = tests["depth"].values * 1e3
     speed, hold = float(np.median(tests["speed"])) * 1e3, float(np.median(tests["duration"]))
     punch = "a punch" if settings.punch is None else "a periodic punch"
@@ -129,14 +129,17 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
         )
     if "nrmse_all" in tests:
         text += simulated_by(tests["nrmse_all"].values)
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Stress relaxation",
-    ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (summary(compared_rows, _details), measured, _tests, _forces, budgets(quantities), _methods),
-    compared_rows,
+    subtitle="Stress relaxation",
+    shown=("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
+    details=_details,
+    rows=rows,
+    sections=(measured, _tests, _forces),
+    budget=quantities,
+    methods=_methods,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)
     ),

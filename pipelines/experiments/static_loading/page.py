@@ -8,9 +8,9 @@ import xarray as xr
 from labpipe.report import Listed, Section, Series, listed, quantity
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import described_flat
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.reports import Report
 from pipelines.experiments.static_loading.budget import quantities
-from pipelines.experiments.static_loading.comparison import rows as compared_rows
+from pipelines.experiments.static_loading.comparison import rows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 
@@ -84,7 +84,7 @@ def _compliance(steps: xr.Dataset, model: xr.Dataset | None = None) -> Section:
 
 def _methods(
     settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None = None
-) -> Section:
+) -> str:
     masses = ", ".join(f"{load.mass.value:g}" for load in settings.loads)
     begins = ", ".join(f"{t / 60:.2f}" for t in steps["begin"].values)
     text = (
@@ -101,12 +101,15 @@ def _methods(
             f"The normalised root-mean-square error of the contact radius was {error:.2f} % against a viscoelastic "
             f"simulation and {elastic:.2f} % against Hertz with the {comparison.attrs['reference']}."
         )
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Static loading",
-    ("readings", "displacement", "steps", "approach", "model", "comparison"),
-    (summary(compared_rows, _details), pages.recordings, _radii, _loads, _compliance, budgets(quantities), _methods),
-    compared_rows,
+    subtitle="Static loading",
+    shown=("readings", "displacement", "steps", "approach", "model", "comparison"),
+    details=_details,
+    rows=rows,
+    sections=(pages.recordings, _radii, _loads, _compliance),
+    budget=quantities,
+    methods=_methods,
 )
