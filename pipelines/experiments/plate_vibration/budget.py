@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock, of_laser
+from pipelines.experiments.shared.budget_quantity import Quantity, clock, of_laser, product
 from pipelines.experiments.shared.pages import present
 
 
@@ -29,21 +29,13 @@ def _ringing(name: str, text: str, unit: str, moved: xr.Dataset, table: xr.Datas
     stated = min(float(1.0 / np.sqrt(np.sum(1.0 / own**2))), total)
     times = {"clock": clock(moved)} if unit == "Hz" else {}  # damping is a ratio of two times
     scatter = excess_uncertainty(total, stated, *(time.u * mean for time in times.values()))
-    inputs = {
-        MEASURED: Input(mean, 0.0, unit),
-        "noise": Input(0.0, stated, unit),
-        "repeatability": Input(0.0, scatter, unit, max(own.size - 1.0, 1.0)),
-    }
-
-    def model(measured: float, noise: float, repeatability: float, clock: float = 1.0) -> float:
-        return (measured + noise + repeatability) / clock
-
-    return Quantity(text, unit, model, inputs | times)
+    errors = {"noise": Input(0.0, stated), "repeatability": Input(0.0, scatter, "1", max(own.size - 1.0, 1.0))}
+    return product(text, unit, mean, {name: (one, -1.0) for name, one in times.items()}, errors)
 
 
 def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, plate: xr.Dataset) -> Quantity:
-    mass, (along, inputs) = float(plate["mass"]), of_laser(moved, 1.0, "1")
-    tilt, gain = inputs["inclination"], inputs["gain"]
+    mass, scale = float(plate["mass"]), of_laser(moved, -1.0)  # of an amplitude, with which the mass goes inversely
+    (gain, _), (tilt, _) = scale.values()
     parts = (mass * gain.u, mass * tan(tilt.value) * tilt.u, mass * ball.mass.u / ball.mass.value)
     # the momentum goes with the root of the height, and the mass is a weighted mean over the drops
     each, weights = plate["modal_mass"].values, plate["u_modal_mass"].values ** -2.0
@@ -52,10 +44,6 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
     rest = excess_uncertainty(float(plate["u_mass"]), *parts, heights)
     freedom = max(float(np.isfinite(each).sum()) - 1.0, 1.0)
 
-    def model(mass_of_sphere: float, gain: float, inclination: float, **masses: float) -> float:
-        amplitude = along(1.0, gain, inclination)
-        return sum(masses.values()) * mass_of_sphere / ball.mass.value / amplitude
-
-    inputs |= {MEASURED: Input(mass, 0.0, "kg"), "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg")}
-    inputs["heights"] = Input(0.0, heights, "kg")
-    return Quantity("modal mass", "kg", model, inputs | {"repeatability": Input(0.0, rest, "kg", freedom)})
+    scale["mass_of_sphere"] = (Input(*ball.mass[:2], "kg"), 1.0)
+    errors = {"heights": Input(0.0, heights), "repeatability": Input(0.0, rest, "kg", freedom)}
+    return product("modal mass", "kg", mass, scale, errors)

@@ -5,9 +5,10 @@ type A with n − 1 degrees of freedom.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, sqrt
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,9 @@ from labpipe.uncertainty import Input, Model, scatter_beyond
 
 TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
+
+Factor = tuple[Input, float | Callable[[float], float]]
+"""An input to which a quantity goes with a power, or by a function of it that is 1 at its value."""
 
 MEASURED = "measured"
 """Name of the input that is the result as read; its uncertainty is in the others."""
@@ -53,23 +57,34 @@ def clock(displacement: xr.Dataset) -> Input:
     return Input(1.0, float(json.loads(displacement.attrs["time_base"])["u_relative"]))
 
 
-def summed(**inputs: float) -> float:
-    """Add all inputs: the formula of a result with errors of its own unit."""
-    return sum(inputs.values())
+def product(
+    name: str,
+    unit: str,
+    value: float,
+    factors: Mapping[str, Factor] = MappingProxyType({}),
+    errors: Mapping[str, Input] = MappingProxyType({}),
+    family: str = "",
+) -> Quantity:
+    """Return a quantity that goes with powers of its ``factors``, and has ``errors`` of its own unit."""
+
+    def model(**inputs: float) -> float:
+        made = value
+        for key, (given, power) in factors.items():
+            made *= power(inputs[key]) if callable(power) else (inputs[key] / given.value) ** power
+        return made + sum(inputs[key] for key in inputs.keys() - factors.keys())
+
+    inputs = {key: given for key, (given, _) in factors.items()}
+    return Quantity(name, unit, model, inputs | {key: one._replace(unit=unit) for key, one in errors.items()}, family)
 
 
-def of_laser(displacement: xr.Dataset, value: float, unit: str = "m") -> tuple[Model, dict[str, Input]]:
-    """Return a length or speed along the motion as a formula of the sensor's scale, and the inputs of that.
-
-    Further inputs of the formula are errors of the value, in its unit, and the ``clock`` of a speed.
-    """
+def of_laser(displacement: xr.Dataset, power: float = 1.0) -> dict[str, Factor]:
+    """Return the sensor's scale, to which a length or speed along the motion goes with a power."""
     angle, u_gain = float(displacement["inclination"]), float(displacement["u_gain"]) / float(displacement["gain"])
-
-    def along(measured: float, gain: float, inclination: float, clock: float = 1.0, **errors: float) -> float:
-        return measured * gain * cos(angle) / cos(inclination) / clock + sum(errors.values())
-
     tilt = Input(angle, float(displacement["u_inclination"]), "rad")
-    return along, {MEASURED: Input(value, 0.0, unit), "gain": Input(1.0, u_gain), "inclination": tilt}
+    return {
+        "gain": (Input(1.0, u_gain), power),
+        "inclination": (tilt, lambda inclination: (cos(angle) / cos(inclination)) ** power),
+    }
 
 
 def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 0) -> Iterator[Quantity]:
