@@ -17,7 +17,7 @@ from labpipe.workflow.store import AMENDED, Store, key_of
 from pipelines import experiments
 from pipelines.experiments import Picture
 from pipelines.session._results import key_numbers
-from pipelines.session._session_checks import unused_files
+from pipelines.session._session_checks import NAMED, unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
 BESIDE, AND = "beside-", "--"
 """The beginning of the names of pages of two experiments, and the sign between these."""
-_REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
 _BY_ITSELF = "By what it records alone: "
 
@@ -85,7 +84,7 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         bad = [name for name, one in own.items() if one.believable != "yes" or one.model == "differs"]
         # those on which others rest come first
         bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
-        answer += each(bad[:_REASONS], own)
+        answer += each(bad[:NAMED], own)  # of more the rows say it
     answer += [Notice("info", as_sentence(note)) for note in notes]
     if (session.folder / COMPARISON_PAGE).is_file():
         remark = "all experiments in one table, as of the last labpipe compare"

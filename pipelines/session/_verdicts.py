@@ -35,6 +35,7 @@ from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
 from pipelines.session._results import STAGES, opened
 from pipelines.session._session_checks import (
+    SEVERAL,
     TWO_VALUES,
     named_at,
     named_files,
@@ -54,7 +55,6 @@ VERDICTS = "verdicts.json"
 """Among the results: verdicts by experiment, each with the digest of all that it comes from."""
 _CURVE = "master_curve"
 """Stage whose result is a material that the session has measured."""
-_SEVERAL = 3  # experiments whose models differ for one reason
 _DOCUMENTED = ("check", "level", "message", "cause", "file", "line", "value")
 _LONGEST_LINE = 100  # characters of a line that is shown
 
@@ -346,7 +346,7 @@ def _in_common(results: Results) -> dict[str, tuple[str]]:
         for text in (text for text in texts if text.startswith(REFERENCE) or "/" in text):
             users.setdefault(text.removeprefix(REFERENCE), set()).add(name)
     common = sorted(text for text, some in users.items() if some == differ)
-    if len(differ) < _SEVERAL or not common:
+    if len(differ) < SEVERAL or not common:
         return {}
     text = f"all {len(differ)} experiments that name {' or '.join(common)} differ and no other: it is probably wrong"
     return dict.fromkeys(differ, (f"{text} itself",))

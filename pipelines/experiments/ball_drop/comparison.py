@@ -30,7 +30,6 @@ SCALE = "scale of length (gain and inclination)"
 """Input of the rows in addition to those of the model: the laser's gain and inclination together."""
 _U_GRAVITY = 0.01  # m/s2; where the record gives no acceleration of the fall
 _LOST = 0.03  # of a flight, uncertainty of its end from which sensitivities do not give the path
-_FEW_REPEATS = 3.0  # by which the variance of two or three is taken larger
 
 
 def comparison(
@@ -104,7 +103,8 @@ def _along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) 
     shared += [np.interp(time, since, one) for one in path_by_input(model)]
     n = repeats.sizes["repeat"]
     if n > 1:
-        wider = np.sqrt((n - 1) / (n - 3) if n > 3 else _FEW_REPEATS)  # variance of Student's distribution
+        freedom = max(n, 4) - 1  # fewer have no variance of Student's distribution
+        wider = np.sqrt(freedom / (freedom - 2))
         apart = (repeats["displacement"] - repeats["displacement"].mean("repeat", skipna=False)).values
         shared += list(apart * wider / np.sqrt(n * (n - 1)))
         sd = repeats["touch_time_sd"].values * wider / np.sqrt(n)

@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, Model, excess_uncertainty
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.contact_area.comparison import largest_radii
 from pipelines.experiments.shared.budget_quantity import Quantity, of_simulation, product
 from pipelines.experiments.shared.comparison_rows import IMPACTS
@@ -37,14 +37,10 @@ def quantities(
         yield product(f"{name}, impact {i + 1}", "m", largest, scale, own, name)
         if model is not None and i < model.sizes["impact"]:
             own["adhesion"] = Input(float(model["adhesion_shift"][i]), float(model["u_adhesion_shift"][i]))
-            radius_, name = product("", "m", largest, scale, own), "largest contact area"
-            area = partial(_area, radius_.model)
-            yield Quantity(f"{name}, impact {i + 1}", "m2", area, radius_.inputs, name)
+            edge, name = product("", "m", largest, scale, own), "largest contact area"
+            area = partial(lambda of_edge, **inputs: pi * of_edge(**inputs) ** 2, edge.model)
+            yield Quantity(f"{name}, impact {i + 1}", "m2", area, edge.inputs, name)
     yield from of_simulation("largest contact radius of the model, impact 1", model, "peak_contact_radius")
-
-
-def _area(radius: Model, **inputs: float) -> float:
-    return pi * radius(**inputs) ** 2
 
 
 def _shared(film: xr.Dataset) -> dict[str, float]:

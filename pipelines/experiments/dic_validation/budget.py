@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 import xarray as xr
@@ -32,10 +32,9 @@ def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iter
     film = float(motion.attrs["u_systematic_relative"])
     laser = excess_uncertainty(float(comparison["scale_uncertainty"]), film)
     of_film, of_laser = (float(comparison[name].mean()) * u for name, u in (("film", film), ("laser", laser)))
-    bias, u = float(comparison["bias"]), excess_uncertainty(float(comparison["u_bias"]), of_film, of_laser)
-    parts = {"noise": u, "pixel_size": abs(of_film), "inclination_and_gain": abs(of_laser)}
-    errors = {name: Input(0.0, part) for name, part in parts.items()}
-    yield product("mean of film minus laser", "m", bias, errors=errors)
+    errors = {"pixel_size": Input(0.0, abs(of_film)), "inclination_and_gain": Input(0.0, abs(of_laser))}
+    rest = ("noise", float(comparison["u_bias"]), inf)
+    yield product("mean of film minus laser", "m", float(comparison["bias"]), errors=errors, rest=rest)
     if isfinite(value := float(comparison[RATIO])):
         scales = {"pixel_size": (Input(1.0, film), 1.0), "inclination_and_gain": (Input(1.0, laser), -1.0)}
         errors = {"noise": Input(0.0, float(comparison[f"u_{RATIO}"]))}

@@ -15,10 +15,11 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.uncertainty import Input, Model, scatter_beyond
+from labpipe.uncertainty import Input, Model, excess_uncertainty, linear_budget, scatter_beyond
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 
-TESTS = 3
-"""Depths or frequencies of an indentation that are shown."""
+TESTS = IMPACTS
+"""Depths or frequencies of an indentation that are shown, as many as impacts of a drop."""
 
 Factor = tuple[Input, float | Callable[[float], float]]
 """An input to which a quantity goes with a power, or by a function of it that is 1 at its value."""
@@ -64,8 +65,13 @@ def product(
     factors: Mapping[str, Factor] = MappingProxyType({}),
     errors: Mapping[str, Input] = MappingProxyType({}),
     family: str = "",
+    rest: tuple[str, float, float] | None = None,
 ) -> Quantity:
-    """Return a quantity that goes with powers of its ``factors``, and has ``errors`` of its own unit."""
+    """Return a quantity that goes with powers of its ``factors``, and has ``errors`` of its own unit.
+
+    The ``rest`` is one more error: its name, the uncertainty of the whole, of which the others are a part, and its
+    degrees of freedom.
+    """
 
     def model(**inputs: float) -> float:
         made = value
@@ -74,7 +80,11 @@ def product(
         return made + sum(inputs[key] for key in inputs.keys() - factors.keys())
 
     inputs = {key: given for key, (given, _) in factors.items()}
-    return Quantity(name, unit, model, inputs | {key: one._replace(unit=unit) for key, one in errors.items()}, family)
+    inputs |= {key: one._replace(unit=unit) for key, one in errors.items()}
+    if rest is not None:
+        left = excess_uncertainty(rest[1], linear_budget(model, inputs).u if inputs else 0.0)
+        inputs[rest[0]] = Input(0.0, left, unit, rest[2])
+    return Quantity(name, unit, model, inputs, family)
 
 
 def of_laser(displacement: xr.Dataset, power: float = 1.0) -> dict[str, Factor]:

@@ -1,9 +1,8 @@
 """Budgets of a static loading: approach and contact radius under the last load, and the model's."""
 
 from collections.abc import Iterator
-from math import sqrt, tan
+from math import inf, sqrt
 
-import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
@@ -22,16 +21,14 @@ def quantities(
     """Yield approach and contact radius under the last load, and the model's radius."""
     depth = float(approach["level_approach"][-1])
     along, by_loads = of_laser(displacement), float(steps["touch_part_of_loads"])
-    (gain, _), (tilt, _) = along.values()
-    scale = depth * float(np.hypot(gain.u, tan(tilt.value) * tilt.u))
     errors = {
         "drift": settings.steps.drift.value,
         "first_touch": excess_uncertainty(float(steps["u_touch"]), by_loads),
         "mass_of_the_loads": by_loads,
     }
-    errors["noise"] = excess_uncertainty(float(approach["u_level_approach"][-1]), scale, *errors.values())
-    own = {name: Input(0.0, u) for name, u in errors.items()}
-    yield (of_depth := product("approach under the last load", "m", depth, along, own))
+    own, rest = {name: Input(0.0, u) for name, u in errors.items()}, float(approach["u_level_approach"][-1])
+    of_depth = product("approach under the last load", "m", depth, along, own, rest=("noise", rest, inf))
+    yield of_depth
 
     def contact_radius(radius: float, **rest: float) -> float:
         return sqrt(max(radius * of_depth.model(**rest), 0.0))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence, Set
 from math import exp, inf, isclose, log
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -24,8 +24,10 @@ from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import TIED, of_error
-from pipelines.experiments.shared.judgements._scene import Scene
 from pipelines.experiments.shared.material_choice import is_unstated
+
+if TYPE_CHECKING:
+    from pipelines.experiments.shared.judgements._stage import Scene
 
 _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
@@ -44,8 +46,6 @@ _NO_SLIP = ("1", "degC", "K")  # units of inputs that have no usual factor
 _SLIPS_OF = {"kg": "mass", "m": "size"}  # which factors are usual, by the unit of an input
 _CLOSE = float(chdtri(2, LIKELY))
 """Difference of chi square within which two explanations cannot be distinguished."""
-_LEAST_OWN = 0.05
-"""Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
 
 
 class Compared(NamedTuple):
@@ -62,8 +62,11 @@ class Compared(NamedTuple):
     slack: Floats
 
     @classmethod
-    def of(cls, scene: Scene) -> "Compared":
-        """Take the rows of a scene whose differences have uncertainties, shared by inputs or their own."""
+    def of(cls, scene: "Scene", own_part: float = 0.05) -> "Compared":
+        """Take the rows of a scene whose differences have uncertainties, shared by inputs or their own.
+
+        At least a part of each is its own, not shared with other rows: slopes are no better.
+        """
         rows = [row for row in scene.rows if row.deviation is not None]
         named, known = {name for row in rows for name in row.slopes}, {**scene.inputs, **scene.shared}
         # what nobody states, such as a change of a rheometer's spectrum, could not have been stated wrongly
@@ -73,7 +76,7 @@ class Compared(NamedTuple):
         parts = slopes * np.array([known[name].u for name in every])
         shared, total = parts @ parts.T, np.array([row.u_difference or 0.0 for row in rows]) ** 2
         own = np.maximum(total - np.diagonal(shared), 0.0)
-        least = np.maximum(own, _LEAST_OWN**2 * total)
+        least = np.maximum(own, own_part**2 * total)
         return cls(rows, names, slopes[:, : len(names)], shared + np.diag(least), least - own)
 
     @property
@@ -164,7 +167,7 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
     )
 
 
-def explanations(scene: Scene, judged: Judgement, compared: Compared, most: int = 2) -> tuple[list[str], bool]:
+def explanations(scene: "Scene", judged: Judgement, compared: Compared, most: int = 2) -> tuple[list[str], bool]:
     """Explain why measurement and model differ, the likeliest explanation first; and return whether that is plausible.
 
     The one recording that differs where no input explains all, other materials, other temperatures and typing errors
@@ -215,7 +218,7 @@ def _one_recording(compared: Compared) -> list[str]:
     return [said.format(name) for name in alone] if len(alone) == 1 else []
 
 
-def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
+def _alternatives(scene: "Scene", compared: Compared, chi2: float) -> list[str]:
     """Name the other material or temperature that explains most of a difference.
 
     After a temperature that its stated uncertainty excludes, a material that is in no library is named.
@@ -233,7 +236,7 @@ def _share(share: float) -> str:
     return f"that would explain {100 * share:.0f}{TIED}% of it"
 
 
-def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
+def _is_refuted(error: _Error, scene: "Scene", judged: Judgement) -> bool:
     """Return whether an error that explains the difference would have failed a check that passed."""
     name, given = error.name, error.given
     if not given.value or not abs(error.size) < abs(given.value):
@@ -246,7 +249,7 @@ def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
     return any(by > DOUBTFUL * check.u_log_ratio for by, check in moved)
 
 
-def _by_a_factor(scene: Scene, compared: Compared, close: Set[str], refuted: Set[str]) -> tuple[list[str], list[str]]:
+def _by_a_factor(scene: "Scene", compared: Compared, close: Set[str], refuted: Set[str]) -> tuple[list[str], list[str]]:
     """Name the stated value that is probably another by a usual factor, a diameter for a radius or a unit; or by any.
 
     Where an input that has no uncertainty, such as a modulus that nobody measured, would do the same, none is named but
