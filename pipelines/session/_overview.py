@@ -237,15 +237,15 @@ def _amended(page: str, one: Verdict) -> str:
     from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
     from pipelines.session._verdict_notices import LEVELS, as_sentence
 
-    cut = len(one.findings) - one.n_of_session
-    for finding in one.findings[:cut]:
+    own = [f for f in one.findings if str(escape(with_minus(f.message))) in page]
+    for finding in own:
         if finding.setting and finding.place:
             for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
                 page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
     notices = []
     if one.model == "differs" and one.suspects and str(escape(one.suspects[0].partition(" (")[0])) not in page:
         notices.append(Notice("info", with_minus(f"Compared with the whole session: {one.suspects[0]}.")))
-    for found in one.findings[cut:]:
+    for found in (f for f in one.findings if f not in own):
         level: Any = LEVELS.get(found.level, "info")
         place = f" ({found.place})" if found.place else ""
         cause = f" {as_sentence(found.cause)}" if found.cause else ""
@@ -254,5 +254,5 @@ def _amended(page: str, one: Verdict) -> str:
         notices.append(Notice(level, with_minus(told)))
     if not notices:
         return page
-    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.findings[:cut])
+    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in own)
     return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

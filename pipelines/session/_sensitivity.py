@@ -163,7 +163,7 @@ def answer(found: Sequence[Examined]) -> tuple[Block, ...]:
         return (Paragraph("Nothing is uncertain."),)
     groups: dict[str, list[Examined]] = {}
     for each in uncertain:
-        groups.setdefault(each.quantity.family or each.quantity.name, []).append(each)
+        groups.setdefault(each.quantity.family, []).append(each)
     rows = []
     for name, group in groups.items():
         shares = pd.DataFrame([e.shares for e in group]).fillna(0.0).mean().sort_values(ascending=False)

@@ -66,8 +66,7 @@ class Verdict:
     ``state`` is ``"done"``, ``"failed"``, ``"waiting"`` (for lines of its settings, which are its findings) or ``"not
     processed"``; ``believable`` "yes", "doubtful", "impossible" or "unknown"; ``model`` "agrees", "differs",
     "undecided" or "none". ``checks`` counts those of this experiment, as on its page. ``causes`` explain the findings,
-    the likeliest first, ``suspects`` a model that differs, or say why it cannot be held against the record. The last
-    ``n_of_session`` findings follow from the session as a whole.
+    the likeliest first, ``suspects`` a model that differs, or say why it cannot be held against the record.
     """
 
     experiment: str
@@ -79,7 +78,6 @@ class Verdict:
     checks: int = 0
     causes: tuple[str, ...] = ()
     suspects: tuple[str, ...] = ()
-    n_of_session: int = 0
 
     @property
     def cause(self) -> str:
@@ -91,9 +89,8 @@ class Verdict:
 
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        made: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self)) | {"findings": _documents(self.findings)}
-        del made["n_of_session"]
-        return made
+        plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
+        return plain | {"findings": _documents(self.findings)}
 
     def __getitem__(self, name: str) -> Any:
         """Return a field as in the JSON of ``process``, so that one code reads both."""
@@ -312,7 +309,7 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
         suspects, findings = one.suspects, (*one.findings, *extra)
         if one.model == "differs":
             suspects = (*common.get(one.experiment, ()), *_suspects(results, experiment, one))
-        made[i] = replace(one, believable=believable, findings=findings, suspects=suspects, n_of_session=len(extra))
+        made[i] = replace(one, believable=believable, findings=findings, suspects=suspects)
     return tuple(made)
 
 

@@ -31,7 +31,7 @@ def quantities(
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         found = _read(made, "restitution", i, 0.0, {})  # a ratio of speeds has no scale
         if np.isfinite(found[0]):
-            yield product(f"restitution, impact {i + 1}", "1", *found, family="restitution")
+            yield product(f"restitution, impact {i + 1}", "1", *found)
     yield from of_simulation("restitution of the model, impact 1", model, "restitution")
 
 

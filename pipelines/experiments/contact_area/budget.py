@@ -33,13 +33,13 @@ def quantities(
         errors = {"noise": excess_uncertainty(u, total * largest, sampling), "sampling": sampling}
         errors |= {n: share * largest for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
         own = {n: Input(0.0, error) for n, error in errors.items()}
-        name, scale = "largest contact radius", {"pixel_size": (Input(size, u_size, "m/px"), power)}
-        yield product(f"{name}, impact {i + 1}", "m", largest, scale, own, name)
+        scale = {"pixel_size": (Input(size, u_size, "m/px"), power)}
+        yield product(f"largest contact radius, impact {i + 1}", "m", largest, scale, own)
         if model is not None and i < model.sizes["impact"]:
             own["adhesion"] = Input(float(model["adhesion_shift"][i]), float(model["u_adhesion_shift"][i]))
-            edge, name = product("", "m", largest, scale, own), "largest contact area"
+            edge = product("", "m", largest, scale, own)
             area = partial(lambda of_edge, **inputs: pi * of_edge(**inputs) ** 2, edge.model)
-            yield Quantity(f"{name}, impact {i + 1}", "m2", area, edge.inputs, name)
+            yield Quantity(f"largest contact area, impact {i + 1}", "m2", area, edge.inputs)
     yield from of_simulation("largest contact radius of the model, impact 1", model, "peak_contact_radius")
 
 

@@ -16,12 +16,12 @@ def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity
     """Yield storage stiffness and work per cycle at the first frequencies."""
     for i in range(min(TESTS, oscillations.sizes["oscillation"])):
         at = oscillations.isel(oscillation=i)
-        where, n, name = f"at {float(at['frequency']):.3g} Hz", float(at["n_cycles"]), "storage stiffness"
-        stiffness = float(at["storage_stiffness"])
-        yield product(f"{name} {where}", "N/m", stiffness, _factors(at, loads, cos, -1.0), family=name)
-        work, name = pi * float(at["loss_stiffness"]) * float(at["amplitude"]) ** 2, "work per cycle"
-        scatter = Input(0.0, float(at["work_sd"]) / np.sqrt(n), "J", max(n - 1.0, 1.0))
-        yield product(f"{name} {where}", "J", work, _factors(at, loads, sin, 1.0), {"repeatability": scatter}, name)
+        where, stiffness = f"at {float(at['frequency']):.3g} Hz", float(at["storage_stiffness"])
+        yield product(f"storage stiffness {where}", "N/m", stiffness, _factors(at, loads, cos, -1.0))
+        work = pi * float(at["loss_stiffness"]) * float(at["amplitude"]) ** 2
+        n = float(at["n_cycles"])
+        scatter = {"repeatability": Input(0.0, float(at["work_sd"]) / np.sqrt(n), "J", max(n - 1.0, 1.0))}
+        yield product(f"work per cycle {where}", "J", work, _factors(at, loads, sin, 1.0), scatter)
 
 
 def _factors(at: xr.Dataset, loads: xr.Dataset, part: Callable[[float], float], power: float) -> dict[str, Factor]:

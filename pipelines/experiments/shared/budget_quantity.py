@@ -5,6 +5,7 @@ type A with n − 1 degrees of freedom.
 """
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, sqrt
@@ -32,15 +33,18 @@ MEASURED = "measured"
 class Quantity:
     """One reported quantity as a formula of uncertain inputs.
 
-    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``; ``family``: common name of quantities of
-    the same sense; the name where it is empty.
+    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``.
     """
 
     name: str
     unit: str
     model: Model
     inputs: dict[str, Input]
-    family: str = ""
+
+    @property
+    def family(self) -> str:
+        """The name without impact, test, or place: that of quantities of the same sense."""
+        return re.sub(r",? (impact|test|at) .*", "", self.name)
 
 
 def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
@@ -64,7 +68,6 @@ def product(
     value: float,
     factors: Mapping[str, Factor] = MappingProxyType({}),
     errors: Mapping[str, Input] = MappingProxyType({}),
-    family: str = "",
     rest: tuple[str, float, float] | None = None,
 ) -> Quantity:
     """Return a quantity that goes with powers of its ``factors``, and has ``errors`` of its own unit.
@@ -84,7 +87,7 @@ def product(
     if rest is not None:
         left = excess_uncertainty(rest[1], linear_budget(model, inputs).u if inputs else 0.0)
         inputs[rest[0]] = Input(0.0, left, unit, rest[2])
-    return Quantity(name, unit, model, inputs, family)
+    return Quantity(name, unit, model, inputs)
 
 
 def of_laser(displacement: xr.Dataset, power: float = 1.0) -> dict[str, Factor]:
@@ -104,7 +107,7 @@ def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 
         yield model_quantity(name, value, unit, json.loads(model.attrs["budget"]))
 
 
-def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], family: str = "") -> Quantity:
+def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]]) -> Quantity:
     """Return a result of a model, of which only the sensitivities are known.
 
     Rows are those of :func:`labpipe.uncertainty.budget_rows`.
@@ -116,4 +119,4 @@ def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[st
 
     inputs = {MEASURED: Input(value, 0.0, unit)}
     inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
-    return Quantity(name, unit, model, inputs, family)
+    return Quantity(name, unit, model, inputs)

@@ -101,29 +101,28 @@ class Basis(NamedTuple):
     """Verdicts on the experiments that one rests on: its material's DMA, its plate, its laser.
 
     There is one of ``checks`` for each of them. ``is_sound``: none of them is impossible; a result computed from an
-    impossible one is no expectation, so that no model is compared with it. ``reason`` names those that are not
-    believable, "" for none.
+    impossible one is no expectation, so that no model is compared with it.
     """
 
     checks: Sequence[Check] = ()
     is_sound: bool = True
-    reason: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Those that are not believable, "" for none."""
+        return "; ".join(check.message for check in self.checks if check.level)
 
     @classmethod
     def of(cls, results: Iterable[Any]) -> "Basis":
         """Take the judgements of the experiments, or lists of them, where they are."""
-        checks: dict[str, Check] = {}
-        reasons, is_sound = [], True
         every = (one for found in results for one in (found if isinstance(found, list) else [found]))
-        for result in (one for one in every if one is not None):
-            word, name = believed(result).believable, str(result.attrs["experiment"])
-            text, cause = f"{name} is believable", ""
-            if word in ("doubtful", "impossible"):
-                text, cause = f"it rests on {name}, which is {word}", f"see {name} first"
-                reasons.append(text)
-            is_sound &= word != "impossible"
-            checks[name] = stated(f"input from {name}", text, "note" if cause else None, cause=cause)
-        return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
+        words = {str(one.attrs["experiment"]): believed(one).believable for one in every if one is not None}
+        checks = []
+        for name, word in words.items():
+            is_bad = word in ("doubtful", "impossible")
+            text = f"it rests on {name}, which is {word}" if is_bad else f"{name} is believable"
+            checks.append(stated(f"input from {name}", text, "note" if is_bad else None, cause=f"see {name} first"))
+        return cls(checks, "impossible" not in words.values())
 
 
 class Scene(NamedTuple):
