@@ -18,8 +18,7 @@ from labpipe.identification import Bounces, moduli
 from labpipe.units import Quantity
 from pipelines.cli import main
 from pipelines.experiments import KINDS
-from pipelines.experiments.shared.drop_evidence import of_drop
-from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
+from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS, of_drop
 from pipelines.experiments.shared.settings import Plate
 from pipelines.identify import identify_materials, material_name
 from pipelines.identify._page import SHAPE

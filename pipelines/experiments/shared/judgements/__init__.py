@@ -18,15 +18,16 @@ from pipelines.experiments.shared.judgements._page import (
     with_minus as with_minus,
     written_place as written_place,
 )
-from pipelines.experiments.shared.judgements._scene import (
+from pipelines.experiments.shared.judgements._stage import (
     OF_FILM as OF_FILM,
     Basis as Basis,
     Scene as Scene,
     Title as Title,
     Titles as Titles,
+    judgement as judgement,
+    judging as judging,
     measured_by as measured_by,
 )
-from pipelines.experiments.shared.judgements._stage import judgement as judgement, judging as judging
 from pipelines.experiments.shared.judgements._usual import (
     because as because,
     day_known as day_known,

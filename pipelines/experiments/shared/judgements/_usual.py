@@ -131,7 +131,7 @@ def stated_wrongly(
     """
     relative = (given.u or usual_uncertainty(given)) / given.value if u is None else u
     say = times_over(name, given.value, given.si, f"{counted(setting)} in session.toml")
-    return Cause(effects, say, SLIPS[usual], u=relative, setting=setting)
+    return Cause(effects, say, SLIPS[usual], u=relative, is_stated=given.u > 0.0, setting=setting)
 
 
 def wrong_interval(effects: Mapping[str, float], file: str, readings: xr.Dataset, is_stated: bool) -> Cause:
