@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from labpipe.judging import Cause, Check, stated
+from labpipe.judging import Cause, Check
 from labpipe.units import Quantity
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.shared.comparison_rows import Row
@@ -100,7 +100,7 @@ class Basis(NamedTuple):
                 text, cause = f"it rests on {name}, which is {word}", f"see {name} first"
                 reasons.append(text)
             is_sound &= word != "impossible"
-            checks[name] = stated(f"input from {name}", text, "note" if cause else None, cause=cause)
+            checks[name] = Check(f"input from {name}", text, "note" if cause else None, cause=cause)
         return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
 
 
