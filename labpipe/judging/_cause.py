@@ -17,7 +17,7 @@ from labpipe.judging._check import IMPOSSIBLE, Check
 _FLOOR = 2e-3  # least relative uncertainty of a check when causes are compared: the laws are that good
 _USUAL = 9.0  # gain in chi square of a factor that people are known to get wrong (1000, 25.4, 2) over any other
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
-_ALIKE = 4.0  # difference in chi square up to which two causes cannot be distinguished
+_ALIKE = _RIGHT * _RIGHT  # difference in chi square up to which two causes cannot be distinguished
 _EXPLAINED = 0.1  # part of chi square that a cause may leave, where that is more, and still be named
 _SMALL = 1.1  # factor below which per cent say more
 
@@ -132,17 +132,15 @@ def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[
 
     Causes that explain as much are all given, with file, line and setting of the first.
     """
-    told = []
-    for check in checks:
+    told = list(checks)
+    for i, check in enumerate(checks):
         known = [one for one in ranked if check.name in one.checks]
-        if check.level is None or check.cause or not known:
-            told.append(check)
-            continue
-        best = known[0]
-        alike = [o for o in known if o.score <= best.score + _ALIKE and o.is_last_resort == best.is_last_resort]
-        place = best.cause if best.cause.file or best.cause.setting else check
-        said = "; or ".join(dict.fromkeys(one.sentence for one in alike))
-        told.append(replace(check, cause=said, file=place.file, line=place.line, setting=place.setting))
+        if check.level and known and not check.cause:
+            best = known[0]
+            alike = [o for o in known if o.score <= best.score + _ALIKE and o.is_last_resort == best.is_last_resort]
+            place = best.cause if best.cause.file or best.cause.setting else check
+            said = "; or ".join(dict.fromkeys(one.sentence for one in alike))
+            told[i] = replace(check, cause=said, file=place.file, line=place.line, setting=place.setting)
     return told
 
 

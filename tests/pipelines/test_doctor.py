@@ -25,6 +25,7 @@ def test_clashes_old_and_missing_libraries_and_a_folder_without_permission_are_n
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(importlib.metadata, "packages_distributions", lambda: owners)
+
     def version(name: str) -> str:
         if name == "numpy":
             return "1.26.4"

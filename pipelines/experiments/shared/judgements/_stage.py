@@ -9,18 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import (
-    Agreement,
-    Cause,
-    Check,
-    Judgement,
-    agreement,
-    detectable,
-    judge,
-    model_verdict,
-    stated,
-    to_json,
-)
+from labpipe.judging import Agreement, Cause, Check, Judgement, agreement, detectable, judge, model_verdict, to_json
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -121,7 +110,7 @@ class Basis(NamedTuple):
         for name, word in words.items():
             is_bad = word in ("doubtful", "impossible")
             text = f"it rests on {name}, which is {word}" if is_bad else f"{name} is believable"
-            checks.append(stated(f"input from {name}", text, "note" if is_bad else None, cause=f"see {name} first"))
+            checks.append(Check(f"input from {name}", text, "note" if is_bad else None, cause=f"see {name} first"))
         return cls(checks, "impossible" not in words.values())
 
 
