@@ -27,12 +27,10 @@ CAUSES = {
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 LONGER = 1.5
 """Factor of the usual interval between frames, from which some are missing, and of neighbouring ones."""
-_SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
 LIGHT, _SAID = "light", "said_by_file"
 _ROUNDED = 0.01  # relative difference of an exposure as a person writes it and as a camera sets it
 _LEFT = 0.3  # of the bends about two frames, which may be left when they are exchanged back
-_TRIED = 40  # frames that stand out most; all their pairs are tried
 _BESIDE = np.arange(-2, 3)
 
 
@@ -113,7 +111,7 @@ def in_order(film: str, frames: Integers, y: Floats, **options: Any) -> Check:
 
 
 def exchanged(
-    y: Floats, noise: float = 0.0, time: Floats | None = None, missed: Flags | None = None
+    y: Floats, noise: float = 0.0, time: Floats | None = None, missed: Flags | None = None, tried: int = 40
 ) -> tuple[int, int] | None:
     """Find two frames that stand at each other's place in a film.
 
@@ -122,7 +120,8 @@ def exchanged(
     ``y`` (frame,) is measured in each frame, NaN in those to be left out, with the standard uncertainty ``noise`` where
     that exceeds their scatter. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
     frames. ``missed`` (frame,) are frames in which something may have been overlooked: next to another that is no
-    exchange. Returns the places of the two, the earlier first, or None.
+    exchange. Of the frames that stand out most, ``tried``, all pairs are. Returns the places of the two, the earlier
+    first, or None.
     """
     known = np.flatnonzero(np.isfinite(y))
     if not known.size:
@@ -135,7 +134,7 @@ def exchanged(
         out &= around.max(axis=1) < LONGER * np.abs(around).min(axis=1)
     best, found = _LEFT, None
     likely = np.flatnonzero(out)
-    for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-_TRIED:]].tolist()), 2):
+    for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-tried:]].tolist()), 2):
         if j == i + 1 and missed is not None and missed[known[i : j + 1]].any():
             continue
         near = np.unique(np.clip(np.concatenate([i + _BESIDE, j + _BESIDE]), 0, y.size - 1))
@@ -153,10 +152,10 @@ def _bends(y: Floats, at: Integers) -> Floats:
     return np.abs(y[at] - (4.0 * (before + after) - before2 - after2) / 6.0)
 
 
-def light_of(film: FrameSource) -> str:
-    """Measure the share of white pixels in frames all over a film; JSON, with the grey level of white."""
+def light_of(film: FrameSource, count: int = 48) -> str:
+    """Measure the share of white pixels in so many frames all over a film; JSON, with the grey level of white."""
     white = film.levels[1]
-    spread = np.linspace(0, len(film) - 1, min(_SPREAD, len(film))).round().astype(int)
+    spread = np.linspace(0, len(film) - 1, min(count, len(film))).round().astype(int)
     clipped = [np.mean(np.asarray(film[int(i)]) >= white) for i in spread if film.valid[i]]
     return json.dumps({"clipped": float(np.mean(clipped)) if clipped else 0.0, "level": white})
 
