@@ -72,7 +72,7 @@ def acceleration(fall: Fall, gravity: Quantity) -> Check:
     u, ratio = hypot(own, abs(seen) * hypot(fall.relative, 2 * CLOCK)), seen / gravity.value
     against = f", {in_words(ratio)} times" if abs(ratio - 1) > 0.05 else " for"
     text = f"{fall.name}: g comes out as {shown(seen, u, 'm/s2')}{against} {gravity.value:.4g} m/s²"
-    place = {"file": fall.name, "otherwise": _NOT_FREE}
+    place: dict[str, Any] = {"file": fall.name, "otherwise": _NOT_FREE}
     return compared(G, text, seen, u, *gravity[:2], allowance=_GUIDE * gravity.value, **place)
 
 
@@ -82,7 +82,7 @@ def height(fall: Fall, given: Quantity) -> Check:
     u, u_given = hypot(own, seen * fall.relative), given.u or usual_uncertainty(given)
     assumed = "" if given.u else f", without ±: {quantity(u_given, 'm', 1)} is assumed"
     text = f"{fall.name}: the body fell {shown(seen, u, 'm')}, the stated height is {shown(*given)}{assumed}"
-    place = {"recording": fall.name, "setting": "height"}
+    place: dict[str, Any] = {"recording": fall.name, "setting": "height"}
     place["otherwise"] = f"height in session.toml is not that of this drop, {_NOT_FREE} with it"
     return compared(HEIGHT, text, seen, u, given.value, u_given, **place)
 
@@ -99,7 +99,7 @@ def restitution(fall: Fall) -> Check:
     """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
     values, u, into = (fall.values(name) for name in ("restitution", "u_restitution", "incoming_speed"))
     returned = np.nan_to_num(_SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
-    held = np.where(values > 1.0, np.maximum(values - returned, np.minimum(values, 1.0)), values)
+    held = np.where(values > 1.0, np.maximum(values - returned, 1.0), values)
     known = np.isfinite(values) & np.isfinite(u) & (u > 0)
     if not known.any():
         return not_made(_RESTITUTION, "a bounce")
