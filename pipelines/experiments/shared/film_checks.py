@@ -55,18 +55,6 @@ def of_film(
     return checks if found is None else [*checks, whole, exposed(found, film)]
 
 
-def repeated(film: FrameSource, is_seen: Flags) -> list[int]:
-    """Find the frames whose every pixel is that of the frame before, among those that show a contact, ``is_seen``."""
-    before: np.ndarray = np.empty(0)
-    found, last = [], -1
-    for i in map(int, np.flatnonzero(is_seen & film.valid)):
-        image = film[i]
-        if last == i - 1 and np.array_equal(image, before):
-            found.append(i)
-        before, last = image, i
-    return found
-
-
 def no_copies(film: str, frame: Integers, alike: Flags) -> Check:
     """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
     at = np.flatnonzero(alike)
