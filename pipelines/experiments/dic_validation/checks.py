@@ -17,7 +17,7 @@ from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
-from pipelines.experiments.shared.film_checks import LONGER, frame_times, in_order, no_copies, of_film, wrong_rate
+from pipelines.experiments.shared.film_checks import LONGER, of_film, of_frames, wrong_rate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.record_checks import break_in, longest_run
@@ -62,8 +62,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        checks += _of_frames(track, settings)
-    checks += given.each((_times, _fall))
+        checks += _of_frames(track, given.get("bounces"), settings)
+    checks += given.each([_fall])
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings, laser)), given.each([rows]), basis=basis, unstated=another)
@@ -91,7 +91,7 @@ def _fall(
     ]
 
 
-def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
+def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Iterator[Check]:
     """Evaluate the view of the film, and the order of its frames."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
     share = float(of_body["valid"].mean())
@@ -124,19 +124,14 @@ def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
-    yield no_copies(film, frame, same & (np.diff(frame) == 1))
-    yield in_order(film, frame, of_body["dy"].values)
-
-
-def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Check:
-    time = motion["time"].values
-    begin, end, steps = time[:-1], time[1:], np.diff(time)
+    begin, end = track["time"].values[:-1], track["time"].values[1:]
     if bounces is None:  # after rest only every eighth frame is read
-        is_even = steps < LONGER * np.median(steps)
+        is_even = end - begin < LONGER * np.median(end - begin)
         moves = np.arange(begin.size) < np.flatnonzero(is_even).max(initial=0)
     else:
         moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
-    return frame_times(settings.film, np.arange(time.size), time, moves)
+    is_copy = same & (np.diff(frame) == 1)
+    yield from of_frames(film, frame, track["time"].values, moves, is_copy, of_body["dy"].values)
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:

@@ -1,7 +1,7 @@
 """Checks of a film: whole, in order, not over-exposed, with the exposure that a session states."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from math import inf
@@ -55,47 +55,44 @@ def of_film(
     return checks if found is None else [*checks, whole, exposed(found, film)]
 
 
-def no_copies(film: str, frame: Integers, alike: Flags) -> Check:
-    """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
-    at = np.flatnonzero(alike)
-    if not at.size:
-        return Check("frames differ", f"{film}: no frame equals the one before", None, file=film)
-    first = int(frame[at[0] + 1])
-    frames = "frame equals" if at.size == 1 else "frames equal"
-    text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
-    return Check("frames differ", text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
+def of_frames(
+    film: str, frame: Integers, time: Floats, is_within: Flags, alike: Flags, y: Floats, **options: Any
+) -> Iterator[Check]:
+    """Look for frames that are not later than the one before, missing in a motion, repeated or exchanged.
 
-
-def frame_times(film: str, frame: Integers, time: Floats, is_within: Flags) -> Check:
-    """Look for frames that are not later than the one before, or that are missing in a motion.
-
-    ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames.
+    ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames. ``alike``
+    (frame - 1,) are frames that are measured as the one before, which noise forbids. ``y`` and ``options`` are those of
+    :func:`exchanged`.
     """
-    name, steps = "times of the frames", np.diff(time)
-    wrong = np.flatnonzero(~(steps > 0))
-    if wrong.size:
-        at = int(frame[wrong[0] + 1])
-        text = f"{film}: frame {at} is not later than the one before ({wrong.size} such frames)"
-        return Check(name, text, "impossible", cause=f"frames are exchanged or repeated at frame {at}", file=film)
+    level: Level | None = None
+    steps, cause, text = np.diff(time), "", f"{time.size} frames in order"
     usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
-    lost = np.flatnonzero(is_within & (steps > LONGER * usual))
-    if not lost.size:
-        return Check(name, f"{film}: {time.size} frames in order", None, file=film)
-    count = int(np.sum(np.round(steps[lost] / usual) - 1))
-    frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
-    text = f"{film}: {count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
-    cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
-    return Check(name, text, "doubtful", cause=cause, file=film)
+    wrong, lost = np.flatnonzero(~(steps > 0)), np.flatnonzero(is_within & (steps > LONGER * usual))
+    if wrong.size:
+        level, at = "impossible", int(frame[wrong[0] + 1])
+        text = f"frame {at} is not later than the one before ({wrong.size} such frames)"
+        cause = f"frames are exchanged or repeated at frame {at}"
+    elif lost.size:
+        level, count = "doubtful", int(np.sum(np.round(steps[lost] / usual) - 1))
+        frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
+        text = f"{count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
+        cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
+    yield Check("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
+    level, cause, text = None, "", "no frame equals the one before"
+    if (copies := np.flatnonzero(alike)).size:
+        level, first = "doubtful", int(frame[copies[0] + 1])
+        frames = "frame equals" if copies.size == 1 else "frames equal"
+        text = f"{copies.size} {frames} the one before, the first is frame {first}"
+        cause = f"frame {first} is a repeated frame"
+    yield Check("frames differ", f"{film}: {text}", level, cause=cause, file=film)
 
-def in_order(film: str, frames: Integers, y: Floats, **options: Any) -> Check:
-    """Look for two frames that were exchanged; ``options`` are those of :func:`exchanged`."""
-    name, found = "order of the frames", exchanged(y, **options)
-    if found is None:
-        return Check(name, f"{film}: no frames are exchanged", None, file=film)
-    first, second = (int(frames[place]) for place in found)
-    text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
-    return Check(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
+    level, cause, text = None, "", "no frames are exchanged"
+    if (places := exchanged(y, time=time, **options)) is not None:
+        level, (one, other) = "doubtful", (int(frame[place]) for place in places)
+        text = f"frames {one} and {other} show what would follow smoothly at each other's place"
+        cause = f"frames {one} and {other} are exchanged"
+    yield Check("order of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
 
 def exchanged(
