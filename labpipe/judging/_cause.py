@@ -49,8 +49,8 @@ class Cause:
     returns the sentence, such as ``"the sampling cycle is probably 100 µs, not 50 µs"``. ``usual`` are factors that the
     mistake usually has, empty when any is as likely, from which a factor that is found may differ by ``slack``
     (relative; other inputs may be off too); with ``only_usual`` no other factor is this mistake. ``u`` is the relative
-    standard uncertainty of the input as it is stated: a factor of more than ten of them comes after every other cause.
-    ``file``, ``line`` and ``setting`` are the place, see :class:`Finding`.
+    standard uncertainty of the input, the usual one where none ``is_stated``: a factor of more than ten of them comes
+    after every other cause. ``file``, ``line`` and ``setting`` are the place, see :class:`Finding`.
     """
 
     effects: Mapping[str, float]
@@ -60,6 +60,7 @@ class Cause:
     slack: float = 0.02
     _: KW_ONLY
     u: float = inf
+    is_stated: bool = True
     file: str = ""
     line: int | None = None
     setting: str = ""
@@ -85,8 +86,8 @@ class Explanation(NamedTuple):
     @property
     def sentence(self) -> str:
         """The probable mistake."""
-        said = self.cause.say(self.factor)
-        return f"{said}, off by {in_words(self.n_u, 2)} times its stated uncertainty" if self.is_last_resort else said
+        far = f", off by {in_words(self.n_u, 2)} times its {'stated' if self.cause.is_stated else 'usual'} uncertainty"
+        return self.cause.say(self.factor) + far * self.is_last_resort
 
 
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
@@ -118,8 +119,7 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         left = sum(z**2 for _, z in rest)
         # a check that it does not move, and that is right, speaks neither for it nor against it
         if sum(z**2 for d, z in rest if d or abs(z) > _RIGHT) <= max(_EXPLAINED * before, _ALIKE):
-            names = tuple(name for name, *_ in rows if cause.effects.get(name))
-            n_u = 0.0 if is_usual else abs(place) / cause.u
+            names, n_u = tuple(n for n, *_ in rows if cause.effects.get(n)), 0.0 if is_usual else abs(place) / cause.u
             found.append(Explanation(cause, exp(place), names, left - _USUAL * is_usual, n_u))
     # of errors beyond every uncertainty that explain as much the smallest is first
     alike = min((one.score for one in found if one.is_last_resort), default=0.0) + _ALIKE
