@@ -12,6 +12,7 @@ from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS,
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Title
 from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
+from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.punch_model import TOUCH
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
 from pipelines.experiments.shared.record_checks import FLAT, MANY, break_in, longest_run, placed
@@ -102,19 +104,21 @@ _LARGEST_PUNCH = 0.5  # m, either way
 
 
 def scene(
-    files: Sequence[str],
-    steps: Sequence[Sequence[xr.Dataset | None]],
-    inputs: Mapping[str, Quantity],
+    touch: str,
     rows: Callable[..., Iterable[Row]],
     given: Given,
-    settings: Indentation,
+    settings: Any,
     context: Context,
+    inputs: Mapping[str, Quantity] = MappingProxyType({}),
 ) -> judgements.Scene:
-    """Check the recordings of an experiment, its cell and its punch, and compare ``rows`` of known ``inputs``.
+    """Check the recordings of an indentation, its cell and its punch, and compare ``rows`` of known ``inputs``.
 
-    ``steps`` are readings, loads, the result that holds first touch, and the comparison, of each file or None. A
-    mistake in one file does not show in the others, so that each has causes of its own.
+    ``touch`` is the step that finds first touch. A mistake in one file does not show in the others, so that each has
+    causes of its own.
     """
+    files = [settings.mach1] if isinstance(settings.mach1, str) else settings.mach1
+    found_by = [given.get(step) for step in ("readings", "loads", touch, "comparison")]
+    steps = [found if isinstance(found, Sequence) else [found] * len(files) for found in found_by]
     cell = next((loads for loads in steps[1] if loads is not None), None)
     of_cell = [] if cell is None else list(_of_cell(settings.load_cell, cell))
     is_scaled = not any(check.name == _SCALE and check.level for check in of_cell)
@@ -136,6 +140,8 @@ def scene(
     checks += [*of_cell, *(placed(check, *files, settings.load_cell.record) for check in failed)]
     gain = Quantity(1.0, 0.0 if cell is None else mach1_readings.relative_gain(cell), "1")
     known = {FORCE_SCALE: gain, STIFFNESS: Quantity(1.0, 0.0, "1"), **inputs}
+    for compared_with in steps[-1]:
+        known |= inputs_of(compared_with)
     shared = {TOUCH: known.pop(TOUCH)} if TOUCH in known else {}
     source = judgements.measured_by(settings.substrate)
     return judgements.Scene(checks, (), given.each([rows]), known, shared, given.get("basis"), measured_by=source)
