@@ -22,7 +22,6 @@ from pipelines.experiments.shared.judgements import Scene, Title
 
 _POLYMERS = (3e4, 5e10)  # Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
-_DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
 _PLACE = (("temperature", "degC"), ("frequency", "Hz"))
 _EXCHANGED = "the columns of storage and loss modulus are exchanged"
 _FAILED = {
@@ -239,8 +238,8 @@ def _single_values(export: Export) -> Check:
         y = np.log10(values)
         gap = y - median_filter(y, 5, mode="mirror")
         at = int(np.argmax(np.abs(gap)))
-        # a steep end of a sweep is no outlier
-        if abs(gap[at]) > max(_DECIMAL, abs(worst), 2.0 * float(np.median(np.abs(np.diff(y))))):
+        # nearer to a lost decimal point than to its neighbours; a steep end of a sweep is no outlier
+        if abs(gap[at]) > max(0.5, abs(worst), 2.0 * float(np.median(np.abs(np.diff(y))))):
             frequency = quantity(float(sweep["frequency"].values[at]), "Hz")
             worst, where = float(gap[at]), f"{sweep.attrs['place']}, {frequency}: the {column.replace('_', ' ')}"
     if not export.sweeps:

@@ -18,6 +18,7 @@ from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, Level, doubtful_among
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements import failed_steps
 
 CAUSES = {
@@ -29,7 +30,6 @@ LONGER = 1.5
 """Factor of the usual interval between frames, from which some are missing, and of neighbouring ones."""
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
 LIGHT, _SAID = "light", "said_by_file"
-_ROUNDED = 0.01  # relative difference of an exposure as a person writes it and as a camera sets it
 _LEFT = 0.3  # of the bends about two frames, which may be left when they are exchanged back
 _BESIDE = np.arange(-2, 3)
 
@@ -179,7 +179,7 @@ def exposure_stated(found: xr.Dataset, film: str, exposure: Quantity | None) -> 
     # a shutter that was open for longer is right where a flash lit the frames; nothing is longer than an interval
     interval = float(np.diff(found["time"].values).min()) if "time" in found else np.inf
     limit, what = (own, "the shutter was open for") if own else (interval, "a frame each")
-    is_longer = exposure.value - limit > _ROUNDED * exposure.value + DOUBTFUL * exposure.u
+    is_longer = exposure.value - limit > DOUBTFUL * (exposure.u or usual_uncertainty(exposure))
     text = (
         f"{film}: {what} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, which "
         "is used"
