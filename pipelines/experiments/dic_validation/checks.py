@@ -105,16 +105,15 @@ def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValid
     zoomed = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
     zoomed += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     knocked = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
-    # a view that has changed stays so, a frame that is blurred does not
-    for name, values, series, cause in (
-        (SIZE, size, median_filter(size, _STAYS), zoomed),
-        (PLACE, place, place, knocked),
-    ):
-        known = values[np.isfinite(values)]
-        if known.size < _STAYS:
+    for name, values, cause in ((SIZE, size, zoomed), (PLACE, place, knocked)):
+        known = np.isfinite(values)
+        if known.sum() < _STAYS:
             yield not_made(name, "a holder in five frames in a row")
             continue
-        broken = break_in(series, max(estimate_noise(known).sigma, _SOLVED))
+        noise = max(estimate_noise(values[known]).sigma, _SOLVED)
+        if name == SIZE:  # a view that has changed stays so, a frame that is blurred does not
+            values[known] = median_filter(values[known], _STAYS)
+        broken = break_in(values, noise)
         text = f"the {name} does not jump"
         if broken is not None:
             by, when = broken[1], quantity(float(steady["time"][broken[0]]), "s")

@@ -56,13 +56,13 @@ def of_film(
 
 
 def of_frames(
-    film: str, frame: Integers, time: Floats, is_within: Flags, alike: Flags, y: Floats, **options: Any
+    film: str, frame: Integers, time: Floats, is_within: Flags, is_copy: Flags, y: Floats, **options: Any
 ) -> Iterator[Check]:
     """Look for frames that are not later than the one before, missing in a motion, repeated or exchanged.
 
-    ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames. ``alike``
-    (frame - 1,) are frames that are measured as the one before, which noise forbids. ``y`` and ``options`` are those of
-    :func:`exchanged`.
+    ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames.
+    ``is_copy`` (frame - 1,) are frames that are measured as the one before, which noise forbids. ``y`` and ``options``
+    are those of :func:`exchanged`.
     """
     level: Level | None = None
     steps, cause, text = np.diff(time), "", f"{time.size} frames in order"
@@ -80,7 +80,7 @@ def of_frames(
     yield Check("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
     level, cause, text = None, "", "no frame equals the one before"
-    if (copies := np.flatnonzero(alike)).size:
+    if (copies := np.flatnonzero(is_copy)).size:
         level, first = "doubtful", int(frame[copies[0] + 1])
         frames = "frame equals" if copies.size == 1 else "frames equal"
         text = f"{copies.size} {frames} the one before, the first is frame {first}"
