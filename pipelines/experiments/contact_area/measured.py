@@ -18,7 +18,7 @@ from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS
-from pipelines.experiments.shared.film_checks import light_of, repeated, said_by_file
+from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
 STILL = 20e-3  # s of contact after which it is rest, not an impact
@@ -52,7 +52,6 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         u_sphere_radius=sphere.u,
         u_wavelength=0.0 if light is None else light.u,
     )
-    read = np.isin(found["method"].values, READ) & found["in_contact"].values.astype(bool)
     found = found.assign_coords(time=variable("frame", source.time, "s", "time in the film"))
     found["centre_x"].values += columns.start
     found["centre_y"].values += rows.start
@@ -60,7 +59,6 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         scale_budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
-        repeated=json.dumps(repeated(seen, read)),
         light=light_of(seen),
         said_by_file=said_by_file(source),
     )
