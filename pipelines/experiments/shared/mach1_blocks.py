@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.stats import linregress
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -15,8 +14,8 @@ from labpipe.signals import active_window
 from pipelines.experiments.shared.mach1_readings import bridged, ramp_speed
 
 OSCILLATION, RELAXATION, FIND_CONTACT = "Sinusoid", "Stress Relaxation", "Find Contact"
-_CLEAR, _CORRELATED = 10.0, 0.2
-"""Standard uncertainties by which a force must rise with the position, and its least correlation with it."""
+_CLEAR, _SHARE = 10.0, 0.2
+"""Standard uncertainties, and share of the spread of the readings, by which a force must rise with the position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +97,18 @@ class Part:
 
     @property
     def stiffness(self) -> tuple[float, float, bool]:
-        """Slope of the force over the position, its u [N/m], and whether the force follows."""
+        """Stiffness between the lowest and the highest tenth of the travel, its u [N/m], and whether force follows."""
         used = np.isfinite(self.position) & np.isfinite(self.force)
         if self.function == RELAXATION:
             used &= self.segment == self.segment[0]
         x, f = self.position[used], self.force[used]
         if x.size < 10 or np.ptp(x) == 0.0:
             return nan, nan, False
-        line = linregress(x, f)
-        return line.slope, line.stderr, abs(line.slope) > _CLEAR * line.stderr and abs(line.rvalue) > _CORRELATED
+        low, high = (np.abs(x - end) < 0.1 * np.ptp(x) for end in (x.min(), x.max()))
+        rise, travel = float(f[high].mean() - f[low].mean()), float(x[high].mean() - x[low].mean())
+        u = float(np.diff(f, 2).std()) / 6.0**0.5 * float(1.0 / low.sum() + 1.0 / high.sum()) ** 0.5
+        spread = float(np.ptp(np.quantile(f, [0.05, 0.95])))
+        return rise / travel, u / travel, spread > 0.0 and abs(rise) > max(_CLEAR * u, _SHARE * spread)
 
 
 def parts(name: str, readings: xr.Dataset) -> list[Part]:
