@@ -82,12 +82,24 @@ def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[
         yield key, sorted(groups[key])
 
 
+Text = Callable[[Found, list[str], str], str]
+"""Takes the scan, the files and the name of an experiment, and returns its tables of session.toml."""
+
+
 def of_groups(
-    found: Found, names: Iterable[str], stem: Callable[[str], str], text: Callable[[Found, list[str], str], str]
-) -> Iterator[Proposed]:
-    """Propose an experiment for the files of each stem; ``text`` takes the scan, the files and the name."""
-    for key, files in grouped(names, stem):
-        yield Proposed(key, tuple(files), partial(text, found, files))
+    stem: Callable[[str], str], ours: Callable[[Found, list[str]], list[str]] = lambda found, names: names
+) -> Callable[[Text], Callable[[Found, Iterable[str]], Iterator[Proposed]]]:
+    """Make of a text a proposal of an experiment for those of the files of each stem that are ``ours``."""
+
+    def made(text: Text) -> Callable[[Found, Iterable[str]], Iterator[Proposed]]:
+        def proposed(found: Found, names: Iterable[str]) -> Iterator[Proposed]:
+            for key, group in grouped(names, stem):
+                if files := ours(found, group):
+                    yield Proposed(key, tuple(files), partial(text, found, files))
+
+        return proposed
+
+    return made
 
 
 def identifier(stem: str) -> str:
