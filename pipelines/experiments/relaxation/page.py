@@ -75,7 +75,8 @@ def _forces(
         label, level = _label(tests, place), pages.level(place, len(places))
         since, force = load["time"].values[part] - float(ramp["end"][i]), load["force"].values[part]
         model = [compared[f"{u}simulated_force"].values[part] for u in ("", "u_")] if is_there(compared) else []
-        shown, begin = np.abs(since) <= near, float(ramp["begin"][i] - ramp["end"][i])
+        begin = float(ramp["begin"][i] - ramp["end"][i])
+        shown = (since >= begin - near) & (since <= near)
         around.append(Series(label, since[shown] - begin, force[shown], role="measured", level=level))
         if model:
             near_it = (one[shown] for one in model)
