@@ -85,7 +85,7 @@ def _forces(
             continue
         means = np.array([curves[n][name].values[i] for name in ("mean_time", "force", "u_force")])
         lag, force, u = means[:, np.isfinite(means[1])]
-        drawn.append(Series(label, lag, force, style="points", role="measured", u=u, level=level))
+        drawn.append(Series(label, lag, force, style="points", role="measured", level=level))
         if model:
             theirs, wide = (np.interp(lag, since, one) for one in model)
             drawn.append(Series(f"{label}, model", lag, theirs, role="model", level=level))
