@@ -173,7 +173,8 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         source = instruments.read(file, **options | {"instrument": name} | ({"fps": 1.0} if untimed else {}))
         is_table = isinstance(source, xr.Dataset)
         found = table(source) if isinstance(source, xr.Dataset) else film(source, is_timed=not untimed)
-    said = _said(caught)
+    # without the name of the file, which is shown next to them
+    said = [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
     if untimed:  # everything that does not depend on it is shown all the same
         said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
@@ -219,11 +220,6 @@ def _briefly(found: dict[str, Any]) -> str:
     said += [_span(spans[n]) for n in ("temperature", "frequency") if n in spans]
     count = len(found["problems"])
     return ", ".join([*said, *([f"{count} problem{'s' * (count > 1)}"] if count else [])])
-
-
-def _said(caught: list[warnings.WarningMessage]) -> list[str]:
-    """Return the warnings of readers without the name of the file, which is shown next to them."""
-    return [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
 
 
 def table(dataset: xr.Dataset) -> dict[str, Any]:
