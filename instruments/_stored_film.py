@@ -10,6 +10,7 @@ from labpipe.binary import Window
 from labpipe.errors import InputError
 from labpipe.frames import ShownFrames
 
+LARGEST_SIDE = 1 << 15  # px; no sensor is larger
 PACKED_GROUPS = {10: (4, 5), 12: (2, 3)}  # bits to pixels and bytes of one group that is packed without gaps
 
 

@@ -3,26 +3,25 @@
 import mmap
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import SourceError
 
-_KEPT = 1 << 26
-"""Bytes looked at before they are given back; what is read again soon should still be there."""
-
 
 class Window:
     """A memory-mapped file from which nothing beyond its end can be read.
 
     Going through a large file does not fill the memory: pages that were read (:meth:`note_use`) are given back to the
-    system now and then. Raises SourceError where the file is missing, unreadable or empty.
+    system after ``kept`` bytes; what is read again soon should still be there. Raises SourceError where the file is
+    missing, unreadable or empty.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kept: int = 1 << 26) -> None:
         self.path = path
-        self._used = 0
+        self._used, self._kept = 0, kept
         try:
             with path.open("rb") as file:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
@@ -40,18 +39,14 @@ class Window:
     def note_use(self, length: int) -> None:
         """Count bytes that were looked at; of many give the pages back, after which arrays made of them stay valid."""
         self._used += length
-        if self._used > _KEPT and hasattr(mmap, "MADV_DONTNEED"):
+        if self._used > self._kept and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
             self._used = 0
 
-    def field(self, layout: str, offset: int, what: str) -> int | float:
+    def field(self, layout: str, offset: int, what: str) -> Any:
         """Read a little-endian number, by a letter of :mod:`struct`, at an offset [bytes]; errors name it ``what``."""
         (value,) = struct.unpack("<" + layout, self.take(offset, struct.calcsize(layout), what))
         return value
-
-    def integer(self, layout: str, offset: int, what: str) -> int:
-        """Read one little-endian integer; see :meth:`field`."""
-        return int(self.field(layout, offset, what))
 
     def take(self, offset: int, length: int, what: str) -> bytes:
         """Read ``length`` bytes or say which field the file does not hold."""

@@ -6,6 +6,7 @@ otherwise in the user's folder for caches; where nothing can be written, or the 
 """
 
 import atexit
+import contextlib
 import hashlib
 import os
 import re
@@ -18,11 +19,11 @@ from typing import Any
 
 import numba
 
+from labpipe.files import free_bytes
+
 _Decorator = Callable[[Callable[..., Any]], Any]
 _KERNELS = re.compile(r"\bnjit\b|labpipe\.compilation")
 _IMPORTED = re.compile(r"^from (?:\w+\.)*(\w+) import", re.MULTILINE)
-_ROOM = 50_000_000
-"""Bytes; all kernels together take a tenth of it."""
 
 
 @cache
@@ -35,19 +36,19 @@ def kernel_digest(*folders: Path) -> str:
     return hashlib.sha256("".join(sources[path] for path in held).encode("utf-8", "replace")).hexdigest()[:16]
 
 
-def place_for_code(stated: str) -> Path:
-    """Return a folder that can be written to: the stated one, that of the user for caches, or a temporary one."""
+def place_for_code(stated: str, room: int = 50_000_000) -> Path:
+    """Return a folder with room [bytes] to write: the stated one, that of the user for caches, or a temporary one.
+
+    All kernels together take a tenth of that room.
+    """
     # Path.home raises where there is none
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "labpipe")  # noqa: PTH111
     base = Path(stated) if stated else user
-    there = next(path for path in (base, *base.parents) if path.exists())
-    try:
-        can_write = there.is_dir() and os.access(there, os.W_OK | os.X_OK)
-        if not (can_write and shutil.disk_usage(there).free > _ROOM):
+    with contextlib.suppress(OSError):  # where there is no temporary place either, numba looks for one itself
+        there = next(path for path in (base, *base.parents) if path.exists())
+        if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK) and free_bytes(there) > room):
             base = Path(tempfile.mkdtemp(prefix="labpipe-"))
             atexit.register(shutil.rmtree, base, ignore_errors=True)
-    except OSError:  # numba looks for a place itself
-        pass
     return base
 
 

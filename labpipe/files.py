@@ -2,8 +2,8 @@
 
 A file is written under a temporary name in its own folder, read back and compared, flushed to the disk and only then
 renamed; so a kill or a full disk leaves the old file or the new one, never a part of one. A lock is held by the
-operating system and ends with its process. The netCDF side is :mod:`labpipe.netcdf`, imported when a Dataset is written
-or read; nothing numerical is imported here.
+operating system and ends with its process. :mod:`labpipe.netcdf` turns a Dataset into bytes and back, and is imported
+when one is written or read; nothing numerical is imported here.
 """
 
 import contextlib
@@ -22,15 +22,13 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import InputError, SourceError, StorageError
+from labpipe.errors import InputError, SourceError, StorageError, StoreError
 
 if TYPE_CHECKING:
     import xarray as xr
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; such a file is never read."""
-
-_BLOCK = 1 << 20
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
@@ -44,19 +42,25 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes]) -> None:
     """Write a file too large to hold in memory, of ``size`` bytes, piece by piece; see :func:`write_bytes`."""
-    total = hashlib.sha256()
-
-    def fill(part: Path) -> None:
-        with part.open("xb") as stream:
-            for chunk in chunks:
-                total.update(chunk)
-                stream.write(chunk)
-
-    def verify(part: Path) -> None:
-        if digest(part) != total.hexdigest():
-            raise StorageError(f"{path}: what was written cannot be read back; the disk is failing or full")
-
-    _replace(Path(path), size, fill, verify)
+    target, total = Path(path), hashlib.sha256()
+    # The temporary name is short whatever the final one is, so a 255-byte name still works.
+    part = target.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
+    try:
+        with _writing(target, size):
+            _remove_orphans(target.parent)
+            with part.open("xb") as stream:
+                for chunk in chunks:
+                    total.update(chunk)
+                    stream.write(chunk)
+            if digest(part) != total.hexdigest():
+                raise StorageError(f"{path}: what was written cannot be read back; the disk is failing or full")
+            _flush(part)
+            part.replace(target)
+            if os.name != "nt":  # Windows can neither open nor flush a folder
+                _flush(target.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -65,25 +69,19 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Dataset":
-    """Write a Dataset as netCDF-4 with checksums, verified value by value before it exists.
+    """Write a Dataset as netCDF-4 with checksums, verified value by value before it exists; see :func:`write_bytes`.
 
     The bytes depend on the Dataset alone. Attributes that netCDF cannot hold (None, bool, dict,
     lists of anything but numbers) become JSON text. Variables are numbers, booleans or text; times are numbers in s.
 
-    Returns the Dataset read back, as :func:`read_dataset` does. Raises InputError: it holds something that netCDF
-    cannot give back unchanged; StorageError: there is no space, or no permission; the message holds the bytes needed.
+    Returns the Dataset as :func:`read_dataset` does. Raises InputError: it holds something that netCDF
+    cannot give back unchanged; StorageError: there is no space, or no permission.
     """
     from labpipe import netcdf
 
-    prepared = netcdf.prepare(dataset)
-    found: list[xr.Dataset] = []
-
-    def verify(part: Path) -> None:
-        found.append(netcdf.verify(part, prepared))
-
-    needed = int(prepared.nbytes * 1.05) + 65536  # with the overhead of the format
-    _replace(Path(path), needed, lambda part: netcdf.write(part, prepared), verify)
-    return found[0]
+    data, found = netcdf.encode(dataset)
+    write_bytes(path, data)
+    return found
 
 
 def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
@@ -99,7 +97,11 @@ def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
     source = Path(path)
     if not source.is_file():
         raise SourceError(source, "there is no such file")
-    return netcdf.read(source)
+    try:
+        return netcdf.decode(source.read_bytes())
+    # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
+    except Exception as error:
+        raise StoreError(f"{source}: damaged: {error}; delete it and run again") from error
 
 
 def append_line(path: str | os.PathLike[str], text: str) -> None:
@@ -109,16 +111,11 @@ def append_line(path: str | os.PathLike[str], text: str) -> None:
     """
     target = Path(path)
     data = text.encode("utf-8", "replace") + b"\n"
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with target.open("ab+") as stream:
-            end = stream.seek(0, os.SEEK_END)
-            if end:
-                stream.seek(end - 1)
-                data = data if stream.read(1) == b"\n" else b"\n" + data
-            stream.write(data)
-    except OSError as error:
-        raise _storage_error(target, len(data), error) from error
+    with _writing(target, len(data)), target.open("ab+") as stream:
+        if end := stream.seek(0, os.SEEK_END):
+            stream.seek(end - 1)
+            data = data if stream.read(1) == b"\n" else b"\n" + data
+        stream.write(data)
 
 
 @contextlib.contextmanager
@@ -131,24 +128,19 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
     Raises StorageError: there is no space, or no permission, or a file of that name exists.
     """
     target = Path(path)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+    with _writing(target, 0):
         stream = target.open("xb")
-    except OSError as error:
-        raise _storage_error(target, 0, error) from error
     flushed = time.monotonic()
 
     def append(text: str) -> None:
         nonlocal flushed
         data = text.encode("utf-8")
-        try:
+        with _writing(target, len(data)):
             stream.write(data)
             stream.flush()
             if time.monotonic() - flushed >= 1.0:
                 os.fsync(stream.fileno())
                 flushed = time.monotonic()
-        except OSError as error:
-            raise _storage_error(target, len(data), error) from error
 
     try:
         _acquire(stream.fileno(), shared=False, wait=False)
@@ -167,14 +159,11 @@ def digest(path: str | os.PathLike[str]) -> str:
     source = Path(path)
     if source.is_dir():
         return folder_digest(source, digest)
-    total = hashlib.sha256()
     try:
         with source.open("rb") as stream:
-            while block := stream.read(_BLOCK):
-                total.update(block)
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise SourceError(source, f"cannot be read: {error.strerror}") from error
-    return total.hexdigest()
 
 
 def files_below(folder: Path) -> list[Path]:
@@ -199,27 +188,6 @@ def require_space(path: str | os.PathLike[str], needed: int) -> None:
     free = free_bytes(path)
     if free < needed:
         raise StorageError(f"{path}: about {needed} bytes are needed and {free} are free; make room there")
-
-
-def _replace(path: Path, needed: int, fill: Callable[[Path], None], verify: Callable[[Path], None]) -> None:
-    """Fill a temporary file next to ``path``, verify it, make it durable, and rename it."""
-    # The temporary name is short whatever the final one is, so a 255-byte name still works.
-    part = path.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_orphans(path.parent)
-        fill(part)
-        verify(part)
-        _flush(part)
-        part.replace(path)
-        if os.name != "nt":  # Windows can neither open nor flush a folder
-            _flush(path.parent)
-    except (OSError, RuntimeError) as error:
-        # netCDF reports a full disk as a bare "RuntimeError: NetCDF: HDF error".
-        raise _storage_error(path, needed, error) from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 @functools.cache
@@ -272,18 +240,19 @@ _WHY = {
 }
 
 
-def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
-    """Say why a file could not be written, in terms that the user can act on."""
-    free = None
-    with contextlib.suppress(OSError):  # a share that went away has no free space to report
-        free = free_bytes(path)
-    number = error.errno if isinstance(error, OSError) else None
-    # HDF5 reports a limit on the size of files as a missing permission, and a full disk with no number.
-    is_hdf = number is None or (number == errno.EACCES and os.access(path.parent, os.W_OK))
-    if is_hdf or number not in _WHY:
-        number = errno.ENOSPC if free is not None and free < needed else None
-    other = "{needed} bytes could not be written ({error}); is the disk there and not full?"
-    return StorageError(f"{path}: {_WHY.get(number or 0, other).format(needed=needed, free=free, error=error)}")
+@contextlib.contextmanager
+def _writing(path: Path, needed: int) -> Iterator[None]:
+    """Make the folder of a file that the block writes, and say why it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        free = None
+        with contextlib.suppress(OSError):  # a share that went away has no free space to report
+            free = free_bytes(path)
+        other = "{needed} bytes could not be written ({error}); is the disk there and not full?"
+        why = _WHY.get(error.errno or 0, other).format(needed=needed, free=free, error=error)
+        raise StorageError(f"{path}: {why}") from error
 
 
 # --- locks -----------------------------------------------------------------------------------
@@ -297,11 +266,8 @@ def lock(path: str | os.PathLike[str], *, shared: bool = False, wait: bool = Tru
     whether it is held; always true with ``wait``. Raises StorageError where the file cannot be made.
     """
     target = Path(path)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+    with _writing(target, 0):
         handle = os.open(target, os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError as error:
-        raise _storage_error(target, 0, error) from error
     try:
         yield _acquire(handle, shared, wait)
     finally:

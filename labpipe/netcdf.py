@@ -1,4 +1,4 @@
-"""Datasets as netCDF-4: types that can be stored, and the checks on writing and reading.
+"""Datasets as the bytes of a netCDF-4 file: types that can be stored, and the checks on writing and reading.
 
 Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables
 do not, and a single wrong bit in those can crash the HDF5 library. So the file ends with a mark and
@@ -9,7 +9,6 @@ bytes behind its end of data alone, and every netCDF program reads the file.
 import hashlib
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import netCDF4
@@ -20,6 +19,8 @@ from labpipe.errors import InputError, StoreError
 
 _MARK = b"labpipe1"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
+_END = slice(28, 36)
+"""Bytes of the superblock, version 2 or 3, of an HDF5 file that hold where its data end."""
 _SLACK = 1 << 20
 """Bytes that may be declared beyond the file's size: small variables that were never written."""
 _LARGEST_RATIO = 1100
@@ -81,72 +82,50 @@ def _text(text: str) -> str:
     return text.replace("\0", "\u2400").encode("utf-8", "replace").decode("utf-8")
 
 
-def write(path: Path, prepared: xr.Dataset) -> None:
-    """Write a prepared Dataset with checksums and NaN as it is, and its digest."""
+def encode(dataset: xr.Dataset) -> tuple[bytes, xr.Dataset]:
+    """Return the bytes of a Dataset, with checksums and NaN as it is, and the Dataset that :func:`decode` gives back.
+
+    Raises InputError: it holds something that netCDF does not give back unchanged.
+    """
+    prepared = prepare(dataset)
     form: dict[str, dict[str, Any]] = {str(name): {"_FillValue": None} for name in prepared.variables}
     for name, variable in prepared.variables.items():
         form[str(name)]["fletcher32"] = variable.ndim > 0 and variable.size > 0 and variable.dtype.kind != "U"
-    prepared.to_netcdf(path, engine="netcdf4", encoding=form)
-    digest = _digest_before(path, path.stat().st_size)
-    with path.open("ab") as stream:
-        stream.write(_MARK + digest)
-
-
-def _digest_before(path: Path, end: int) -> bytes:
-    with path.open("rb") as stream:
-        return hashlib.sha256(stream.read(end)).digest()
-
-
-def _check_trailer(path: Path) -> None:
-    """Refuse a file of ours whose bytes have changed; one without our mark has other checks."""
-    end = max(path.stat().st_size - _TRAILER, 0)
-    with path.open("rb") as stream:
-        stream.seek(max(end - _TRAILER, 0))
-        found = stream.read()
-    # A mark at another place than its own means that bytes were cut off or added behind it.
-    if _MARK in found and found[-_TRAILER:] != _MARK + _digest_before(path, end):
-        raise StoreError(f"{path}: damaged: its contents do not match its digest; delete it and run again")
-
-
-def verify(path: Path, prepared: xr.Dataset) -> xr.Dataset:
-    """Return the Dataset read back; InputError when it differs from the prepared one."""
-    try:
-        found = read(path)
-    except StoreError as error:
-        raise RuntimeError(f"what was written cannot be read back: {error}") from error
+    handle = netCDF4.Dataset("memory", "w", memory=prepared.nbytes)
+    prepared.dump_to_store(xr.backends.NetCDF4DataStore(handle), encoding=form)  # type: ignore[no-untyped-call]
+    held = handle.close()
+    data = bytes(held[: int.from_bytes(held[_END], "little")])  # memory is had in blocks
+    data += _MARK + hashlib.sha256(data).digest()
+    found = decode(data)
     types = ({n: v.dtype for n, v in each.variables.items() if v.dtype.kind != "U"} for each in (found, prepared))
     if not found.identical(prepared) or next(types) != next(types):
         raise InputError("the Dataset holds something that netCDF does not store unchanged")
-    return found
+    return data, found
 
 
-def read(path: Path) -> xr.Dataset:
-    """Read a file whole after comparing its digest, and the declared sizes with its own."""
-    try:
-        _check_trailer(path)
-        with netCDF4.Dataset(path) as handle:
-            _check_sizes(path, handle)
-            source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
-            # packed values and times of other programs are not converted
-            found = xr.open_dataset(source, mask_and_scale=False, decode_times=False).load().drop_encoding()
-    except StoreError:
-        raise
-    except Exception as error:
-        # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
-        raise StoreError(f"{path}: damaged: {error}; delete it and run again") from error
+def decode(data: bytes) -> xr.Dataset:
+    """Return the Dataset of the bytes of a file, after comparing their digest, and the declared sizes with their own.
+
+    Raises StoreError: they have changed, or cannot be true; what the libraries raise of others is anything.
+    """
+    body, trailer = data[:-_TRAILER], data[-_TRAILER:]
+    # A mark at another place than its own means that bytes were cut off or added behind it; others' files have none.
+    if _MARK in data[-2 * _TRAILER :] and trailer != _MARK + hashlib.sha256(body).digest():
+        raise StoreError("its contents do not match its digest")
+    with netCDF4.Dataset("memory", memory=data) as handle:
+        _check_sizes(len(data), handle)
+        source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
+        # packed values and times of other programs are not converted
+        found = xr.open_dataset(source, mask_and_scale=False, decode_times=False).load().drop_encoding()
     return found.assign({name: one.astype(str) for name, one in found.variables.items() if one.dtype.kind == "O"})
 
 
-def _check_sizes(path: Path, handle: netCDF4.Dataset) -> None:
-    actual = path.stat().st_size
+def _check_sizes(actual: int, handle: netCDF4.Dataset) -> None:
     declared, is_compressed = 0, False
     for variable in handle.variables.values():
         item = 1 if variable.dtype is str else np.dtype(variable.dtype).itemsize
         declared += int(np.prod([int(n) for n in variable.shape], dtype=object)) * item
         filters: Mapping[str, Any] = variable.filters()
         is_compressed |= any(bool(filters.get(f)) for f in ("zlib", "zstd", "bzip2", "szip"))
-    allowed = actual * (_LARGEST_RATIO if is_compressed else 1) + _SLACK
-    if declared > allowed:
-        raise StoreError(
-            f"{path}: damaged: it declares {declared} bytes of data but is {actual} bytes long; delete it and run again"
-        )
+    if declared > actual * (_LARGEST_RATIO if is_compressed else 1) + _SLACK:
+        raise StoreError(f"it declares {declared} bytes of data but is {actual} bytes long")

@@ -6,9 +6,6 @@ from typing import NamedTuple
 
 from labpipe.files import printable
 
-_MOST_ROWS = 30
-"""Rows of a text; what is longer is counted."""
-
 
 class Shown(NamedTuple):
     """A table that an object shows of itself."""
@@ -50,7 +47,7 @@ def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[obje
     )
 
 
-def text_table(caption: str, rows: Iterable[Sequence[object]], *, most: int | None = _MOST_ROWS) -> str:
+def text_table(caption: str, rows: Iterable[Sequence[object]], *, most: int | None = 30) -> str:
     """Write a caption and aligned columns, without control characters; of more than ``most`` rows the rest is counted.
 
     Examples

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # --- numbers: the decimal sign, and what counts as one ------------------------------------------
 
-_MOST_LISTED = 5  # lines
 _NUMBER = re.compile(r"\s*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\s*")
 
 
@@ -131,16 +130,16 @@ def plain_number(cell: str, signs: Separators = DOT) -> float | None:
     return float(cell) if is_number(cell) else None
 
 
-def listed(lines: Sequence[int]) -> str:
-    """Name lines for a message.
+def listed(lines: Sequence[int], most: int = 5) -> str:
+    """Name lines for a message; of more than ``most`` the rest is counted.
 
     Examples
     --------
     >>> listed([3]), listed([3, 7]), listed(range(10, 20))
     ('line 3', 'lines 3, 7', 'lines 10, 11, 12, 13, 14 and 5 more')
     """
-    shown = ", ".join(map(str, lines[:_MOST_LISTED]))
-    more = f" and {len(lines) - _MOST_LISTED} more" if len(lines) > _MOST_LISTED else ""
+    shown = ", ".join(map(str, lines[:most]))
+    more = f" and {len(lines) - most} more" if len(lines) > most else ""
     return f"line{'s' * (len(lines) > 1)} {shown}{more}"
 
 
@@ -157,8 +156,7 @@ def shorten(text: str, length: int = 60) -> str:
 
 # --- files ---------------------------------------------------------------------------------------
 
-_PIECE = 1 << 20  # characters decoded at a time
-_LONGEST_LINE = 1 << 20  # characters: a thousand times the longest line of a recording
+_PIECE = _LONGEST_LINE = 1 << 20  # characters decoded at a time: a thousand times the longest line of a recording
 _MARKS = (  # UTF-32 before UTF-16, because its little-endian mark begins with the UTF-16 one
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),

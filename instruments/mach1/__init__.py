@@ -1,6 +1,5 @@
 """Biomomentum Mach-1 Motion text files: blocks of time, position and force, read and written."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument, text_of
@@ -21,10 +20,11 @@ class Options(TypedDict, total=False):
     allow_incomplete: bool
 
 
-def _sniff(head: bytes, path: Path) -> bool:
-    """Recognise a Mach-1 Motion text by its first line, ``<Mach-1 File>``."""
-    del path
-    return text_of(head).lstrip().lstrip('"').startswith("<Mach-1 File>")
-
-
-INSTRUMENT = Instrument("mach1", "Mach-1 Motion file", "force", _sniff, "instruments.mach1:read", Options)
+INSTRUMENT = Instrument(
+    name="mach1",
+    title="Mach-1 Motion file",
+    content="force",
+    sniff=lambda head, _: text_of(head).lstrip().lstrip('"').startswith("<Mach-1 File>"),
+    reader="instruments.mach1:read",
+    options=Options,
+)

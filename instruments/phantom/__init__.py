@@ -1,6 +1,5 @@
 """Phantom high-speed films (.cine): lazy frames, times from the time stamps; read and written."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from instruments._instrument import Instrument
@@ -13,10 +12,7 @@ else:
     __getattr__ = lazily(__name__)
 
 
-def _sniff(head: bytes, path: Path) -> bool:
-    """Recognise a Phantom .cine by its magic "CI" and the length of its first header."""
-    del path
-    return head[:4] == b"CI\x2c\x00"
-
-
-INSTRUMENT = Instrument("phantom", "Phantom film", "film", _sniff, "instruments.phantom:read")
+# recognised by its magic "CI" and the length of its first header
+INSTRUMENT = Instrument(
+    "phantom", "Phantom film", "film", lambda head, _: head[:4] == b"CI\x2c\x00", "instruments.phantom:read"
+)

@@ -112,7 +112,7 @@ class CineFrames(MappedFrames[Header]):
         if fault := self._fault(index):
             hint = "Use the frames marked in `.valid`; copy the film again to get the others."
             raise SourceError(self.path, f"frame {index}: {fault}", offset=start, hint=hint)
-        start += self._window.integer("I", start, "AnnotationSize")
+        start += self._window.field("I", start, "AnnotationSize")
         stride = header.image_bytes // header.height
         first, last = self._rows.start, self._rows.stop
         if not header.top_down:
@@ -147,10 +147,10 @@ class CineFrames(MappedFrames[Header]):
         self._window.note_use(_FAULT_AROUND)
         if not 0 <= start <= size - 8:
             return f"its offset {start} lies outside the file of {size} bytes"
-        annotation = self._window.integer("I", start, "AnnotationSize")
+        annotation = self._window.field("I", start, "AnnotationSize")
         if not _LEAST_ANNOTATION <= annotation <= size - start:
             return f"its annotation claims {annotation} bytes"
-        stored = self._window.integer("I", start + annotation - 4, "ImageSize")
+        stored = self._window.field("I", start + annotation - 4, "ImageSize")
         if stored != self.header.image_bytes:
             return f"its stored size is {stored} bytes, expected {self.header.image_bytes}"
         end = start + annotation + stored

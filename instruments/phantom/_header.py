@@ -11,7 +11,7 @@ from typing import Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments._stored_film import PACKED_GROUPS
+from instruments._stored_film import LARGEST_SIDE, PACKED_GROUPS
 from labpipe.arrays import Integers
 from labpipe.binary import Window
 from labpipe.errors import EXCHANGED, SourceError
@@ -26,7 +26,6 @@ _PACKINGS: dict[tuple[int, int], Packing] = {
     (16, 1024): "12-packed",
 }
 _BITS_OF_LEVELS = {2**bits: bits for bits in (8, 10, 12, 14, 16)}
-_LARGEST_SIDE = 1 << 15  # pixels; no sensor of this family is larger
 _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 
 
@@ -70,7 +69,7 @@ def read_header(window: Window) -> Header:
     if window.take(0, 2, "the file type") != b"CI":
         text, hint = 'does not begin with "CI": not a Phantom .cine file', "Give the .cine file itself, not a sidecar."
         raise SourceError(window.path, text, hint=hint)
-    compression = window.integer("H", 4, "Compression")
+    compression = window.field("H", 4, "Compression")
     if compression == 1:
         text, hint = "the film is JPEG-compressed (.cci), which alters grey levels", "Save it as an uncompressed .cine."
         raise SourceError(window.path, text, offset=4, hint=hint)
@@ -78,17 +77,17 @@ def read_header(window: Window) -> Header:
         _refuse_colour(window, "Compression is 2, an uninterpolated colour image")
     if compression != 0:
         _refuse(window, 4, f"Compression is {compression}; known are 0, 1 and 2")
-    version = window.integer("H", 6, "Version")
+    version = window.field("H", 6, "Version")
     if version not in {0, 1}:
         _refuse(window, 6, f"Version is {version}; known are 0 and 1")
     names = ("ImageCount", "OffImageHeader", "OffSetup", "OffImageOffsets")
-    count, bitmap, setup_at, table_at = (window.integer("I", 20 + 4 * k, name) for k, name in enumerate(names))
+    count, bitmap, setup_at, table_at = (window.field("I", 20 + 4 * k, name) for k, name in enumerate(names))
     if count == 0:
         _refuse(window, 20, "ImageCount is 0: the file holds no image")
     width, height, top_down, packing, bits, image_bytes = _image(window, bitmap)
     if window.take(setup_at + 140, 2, "the mark of SETUP") != b"ST":
         _refuse(window, setup_at + 140, 'SETUP does not carry its mark "ST"')
-    length = window.integer("H", setup_at + 142, "the length of SETUP")
+    length = window.field("H", setup_at + 142, "the length of SETUP")
     window.require(setup_at, length, "SETUP")
 
     def setting(layout: str, offset: int) -> float | None:
@@ -108,10 +107,10 @@ def read_header(window: Window) -> Header:
     room = (int(offsets.min()) - table_at) // offsets.dtype.itemsize
     if stated is not None and stated != count and stated == room:
         _refuse(window, 20, f"ImageCount is {count}, but there are time stamps and offsets of {stated} images")
-    fractions, seconds = (window.integer("I", at, "TriggerTime") for at in (36, 40))
+    fractions, seconds = (window.field("I", at, "TriggerTime") for at in (36, 40))
     shutter_ns, shutter_us = whole("I", 1568), whole("I", 772)
     return Header(
-        first_image=window.integer("i", 16, "FirstImageNo"),
+        first_image=window.field("i", 16, "FirstImageNo"),
         count=count,
         width=width,
         height=height,
@@ -144,24 +143,24 @@ def _refuse_colour(window: Window, reason: str) -> NoReturn:
 
 def _image(window: Window, bitmap: int) -> tuple[int, int, bool, Packing, int, int]:
     """Read the BITMAPINFOHEADER: width, height, whether the first row is stored first, packing, bits, bytes."""
-    width, height = window.integer("i", bitmap + 4, "biWidth"), window.integer("i", bitmap + 8, "biHeight")
-    if not (0 < width <= _LARGEST_SIDE and 0 < abs(height) <= _LARGEST_SIDE):
+    width, height = window.field("i", bitmap + 4, "biWidth"), window.field("i", bitmap + 8, "biHeight")
+    if not (0 < width <= LARGEST_SIDE and 0 < abs(height) <= LARGEST_SIDE):
         _refuse(window, bitmap + 4, f"the image size is {width} × {height} px")
-    depth = window.integer("H", bitmap + 14, "biBitCount")
-    compression = window.integer("I", bitmap + 16, "biCompression")
+    depth = window.field("H", bitmap + 14, "biBitCount")
+    compression = window.field("I", bitmap + 16, "biCompression")
     if depth in {24, 48}:
         _refuse_colour(window, f"{depth} bits per pixel are three colours")
     packing = _PACKINGS.get((depth, compression))
     if packing is None:
         text = f"biBitCount {depth} with biCompression {compression} is no known pixel format; known are 8 and 16 "
         _refuse(window, bitmap + 14, f"{text}plain, 16 with 256 (10-bit packed) and 16 with 1024 (12-bit packed)")
-    levels = window.integer("I", bitmap + 36, "biClrImportant")
+    levels = window.field("I", bitmap + 36, "biClrImportant")
     bits = {"8": 8, "10-packed": 10, "12-packed": 12}.get(packing, _BITS_OF_LEVELS.get(levels, 16))
     stored = 16 if packing == "16" else bits
     if width % PACKED_GROUPS.get(stored, (1, 1))[0]:
         _refuse(window, bitmap + 4, f"a width of {width} px does not fit {packing} rows")
     expected = width * abs(height) * stored // 8
-    declared = window.integer("I", bitmap + 20, "biSizeImage")
+    declared = window.field("I", bitmap + 20, "biSizeImage")
     if declared not in {expected, 0}:
         text = f"biSizeImage is {declared} bytes, but {width} × {abs(height)} px of this format need {expected}"
         _refuse(window, bitmap + 20, text)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.phantom._header import TAG_EXPOSURES, TAG_TIMES
+from instruments.phantom._times import UNIT
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -16,7 +17,6 @@ from labpipe.errors import InputError
 _SETUP_BYTES = 10412
 _SETUP_AT = 84
 _SOFTWARE = 781  # the version whose SETUP this is
-_UNIT = 2.0**-32  # s
 _FLAGS = 3  # the two lowest bits of every stamp seen in real films
 _PITCH = 35714  # pixels per metre on the sensor, 28 µm
 _LEVELS = {8: (4, 254), 10: (64, 1014), 12: (64, 4064), 14: (256, 16256), 16: (0, 65535)}
@@ -76,11 +76,11 @@ def write(
 def _head(shape: tuple[int, int, int], time: Floats, recording: Recording, pixel_bytes: int) -> bytes:
     count, height, width = shape
     rate, exposure, (black, white) = recording.frame_rate, recording.exposure, _LEVELS[recording.bits]
-    stamps = ((recording.trigger << 32) + np.rint(time / _UNIT).astype(np.int64)).astype(np.uint64) | np.uint64(_FLAGS)
+    stamps = ((recording.trigger << 32) + np.rint(time / UNIT).astype(np.int64)).astype(np.uint64) | np.uint64(_FLAGS)
     pairs = np.column_stack([stamps & np.uint64(0xFFFFFFFF), stamps >> np.uint64(32)]).astype("<u4")
     blocks = struct.pack("<IHH", 8 + 8 * count, TAG_TIMES, 1) + pairs.tobytes()
     blocks += struct.pack("<IHH", 8 + 4 * count, TAG_EXPOSURES, 0)
-    blocks += np.full(count, round(exposure / _UNIT), dtype="<u4").tobytes()
+    blocks += np.full(count, round(exposure / UNIT), dtype="<u4").tobytes()
     table_at = _SETUP_AT + _SETUP_BYTES + len(blocks)
     image_bytes = width * height * pixel_bytes
     offsets = table_at + 8 * count + np.arange(count, dtype="<i8") * (image_bytes + 8)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments._clock import moment
-from instruments._stored_film import MappedFrames, unpacked
+from instruments._stored_film import LARGEST_SIDE, MappedFrames, unpacked
 from instruments.photron import frames_of, header_of
 from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
@@ -26,7 +26,6 @@ from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning
 from labpipe.text import shorten
 
-_LARGEST_SIDE = 1 << 15  # px; no sensor is larger
 _LARGEST_HEADER = 1 << 24  # bytes; a header has some kilobytes
 _KEYS = {
     "rate": ("record rate(fps)", "recordinfo/recordrate"),
@@ -129,7 +128,7 @@ def _header(path: Path) -> Header:
             raise SourceError(path, message, hint=hint)
         return value
 
-    width, height = (int(number(name, 1, _LARGEST_SIDE)) for name in ("width", "height"))
+    width, height = (int(number(name, 1, LARGEST_SIDE)) for name in ("width", "height"))
     bits = int(number("bits", 1, 64))
     if word("colour") not in ("mono", "") or bits not in (8, 12, 16) or word("format") not in ("mraw", ""):
         found = f"{word('colour') or 'unknown'} frames of {bits} bits as {word('format') or 'mraw'}"

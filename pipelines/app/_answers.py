@@ -51,7 +51,7 @@ class Answers:
             "/": lambda request: _asset("app.html"),
             "/assets/{name}": lambda request: _asset(request.path_params["name"], _NAMES),
             "/reports/{name:path}": self._report,
-            "/api/picture": self._picture,
+            "/api/picture": lambda request: Response(small_picture(self._named(request)), media_type="image/png"),
             "/api/frame": lambda request: Response(self._image(request).png(), media_type="image/png"),
             "/api/image": lambda request: JSONResponse({"frames": self._image(request).frames}),
             "/api/film": lambda request: JSONResponse(self._film(request)),
@@ -103,18 +103,17 @@ class Answers:
             raise InputError(f'there is no file "{name}"')
         return path
 
-    def _picture(self, request: Request) -> Response:
-        path = self.path(request.query_params.get("name"))
-        return Response(small_picture(path), media_type="image/png")
+    def _named(self, request: Request) -> Path:
+        return self.path(request.query_params.get("name"))
 
     def _image(self, request: Request) -> measuring.Picture:
-        return measuring.picture(self.path(request.query_params.get("name")), _number(request, "index"))
+        return measuring.picture(self._named(request), _number(request, "index"))
 
     def _film(self, request: Request) -> Told:
         """Open a film with the results as they are now; with an ``index``, return that frame of it."""
         from pipelines.experiments.shared.film_frames import jpeg
 
-        path, asked = self.path(request.query_params.get("name")), request.query_params
+        path, asked = self._named(request), request.query_params
         # warnings of a film are shown where it is inspected or processed
         with self._watching, warnings.catch_warnings(action="ignore"):
             if "index" not in asked or path not in self._films:

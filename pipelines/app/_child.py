@@ -14,8 +14,6 @@ from labpipe.errors import LabpipeError
 if TYPE_CHECKING:
     from labpipe.workflow.results import Event
 
-_SECONDS = 2.0
-"""Between two looks at the folder while it is watched."""
 _INTERRUPTED = 130
 
 
@@ -69,7 +67,8 @@ def _processed(folder: Path) -> int:
     return outcome.exit_code
 
 
-def _watched(folder: Path) -> int:
+def _watched(folder: Path, seconds: float = 2.0) -> int:
+    """Process what arrives, with so many seconds between two looks at the folder."""
     from pipelines.session import verdict_on, watch
 
     watcher = watch(folder, jobs=1)
@@ -78,7 +77,7 @@ def _watched(folder: Path) -> int:
             _tell(kind="news", experiment=news.experiment, state=news.state, message=news.text)
             if news.state == "processed":
                 _tell_verdict(verdict_on(folder, news.experiment))
-        time.sleep(_SECONDS)
+        time.sleep(seconds)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
-_STYLE = Path(__file__).parent / "assets/app.css"
+_ASSETS = Path(__file__).parent / "assets"
 
 
 def application() -> Starlette:
@@ -18,7 +18,8 @@ def application() -> Starlette:
 
     held = {f"{name}.html": (page.encode(), "text/html") for name, page in pages().items()}
     held |= {f"pictures/{path.name}": (path.read_bytes(), "image/webp") for path in PICTURES.glob("*.webp")}
-    held["app.css"] = (_STYLE.read_bytes(), "text/css")
+    held["app.css"] = ((_ASSETS / "app.css").read_bytes(), "text/css")
+    held["search.js"] = ((_ASSETS / "search.js").read_bytes(), "text/javascript")
 
     def answer(request: Request) -> Response:
         name = request.path_params["name"]

@@ -116,13 +116,19 @@ class _End:
 
 def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArray[np.float64]) -> _End:
     """Find the feature near a place, along a direction."""
+    from scipy.ndimage import map_coordinates
+
     across = np.array([-along[1], along[0]])
     x, rows = np.arange(-_REACH, _REACH + 1.0), np.arange(-_ROWS, _ROWS + 1.0)
     at = place + x[None, :, None] * along + rows[:, None, None] * across
     inside = (at >= 0) & (at <= np.array(grey.shape[::-1]) - 1.0)
     if not inside.all():
         raise InputError(f"({place[0]:.0f}, {place[1]:.0f}) is too near to the border of the picture")
-    profiles = _interpolated(grey, at)
+    # cubic splines, which shift no edge, of the surroundings alone
+    low = np.maximum(np.floor(at.min(axis=(0, 1))).astype(int) - 8, 0)
+    high = np.minimum(np.ceil(at.max(axis=(0, 1))).astype(int) + 9, np.array(grey.shape[::-1]))
+    places = np.moveaxis(at - low, -1, 0)[::-1]
+    profiles = map_coordinates(grey[low[1] : high[1], low[0] : high[0]], places, order=3)
     start = _coarse(x, profiles.mean(axis=0))
     fits = {kind: _fitted(x, profiles.mean(axis=0), kind, start[kind]) for kind in start}
     kind = min(fits, key=lambda name: fits[name][1])
@@ -139,16 +145,6 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     oblique = 1.0 + abs(along[0] * along[1])
     u = oblique * float(np.sqrt(np.sum(rest**2) / (kept.sum() - 2) / kept.sum()))
     return _End(float(middle), float(slope), u, kind)
-
-
-def _interpolated(grey: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return grey levels at places (…, [x, y]) by cubic splines, which shift no edge."""
-    from scipy.ndimage import map_coordinates
-
-    low = np.maximum(np.floor(at.min(axis=(0, 1))).astype(int) - 8, 0)
-    high = np.minimum(np.ceil(at.max(axis=(0, 1))).astype(int) + 9, np.array(grey.shape[::-1]))
-    places = np.moveaxis(at - low, -1, 0)[::-1]
-    return np.asarray(map_coordinates(grey[low[1] : high[1], low[0] : high[0]], places, order=3))
 
 
 def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

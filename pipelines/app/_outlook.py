@@ -15,7 +15,6 @@ from pipelines.experiments import KINDS
 from pipelines.session import Surveyed, plan
 
 _RECORDINGS = ("displacement", "force", "film", "sweep")
-_MOST_STEPS = 60
 
 
 def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
@@ -41,7 +40,7 @@ def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
         card = {"name": name, "title": KINDS[session.experiments[name].kind].title, "steps": len(own)}
         card |= {"to_run": len(open_), "page": (session.folder / page_name(name)).is_file()}
         if open_:
-            what = list(dict.fromkeys(row.summary for row in open_))[:_MOST_STEPS]
+            what = list(dict.fromkeys(row.summary for row in open_))
             card |= {"why": open_[0].reason, "what": what, "failed": failed.get(name, "")}
         cards.append(empty | card)
     cards += [empty | {"name": n, "waits": shortened(n, lines)} for n, lines in session.waiting.items()]

@@ -85,7 +85,7 @@ def changed(
     if not isinstance(asked, list):
         raise InputError("expected a list of changes")
     try:
-        for file, edits_of in itertools.groupby(asked, key=_file_set):
+        for file, edits_of in itertools.groupby(asked, lambda one: str(one["file"]) if one["op"] == "set" else None):
             for edit in edits_of if file is None else ():
                 if edit["op"] == "restore":
                     new |= history.version(folder, str(edit["version"]))
@@ -103,11 +103,6 @@ def changed(
     return new
 
 
-def _file_set(edit: Any) -> str | None:
-    """Return the file in which an edit sets a value; None for an edit that moves experiments."""
-    return str(edit["file"]) if edit["op"] == "set" else None
-
-
 def _set(texts: dict[str, str], name: str, edits_of: list[Any]) -> None:
     if name not in texts:
         raise InputError(f'"{name}" is not part of the set-up')
@@ -116,8 +111,12 @@ def _set(texts: dict[str, str], name: str, edits_of: list[Any]) -> None:
         place = tuple(edit["place"])
         typed = _one_line(place[-1], edit["text"])
         kind, required = _type_at(texts[name], name, place)
-        value = _as_value(kind, typed, _at(texts[name], place)) if typed else gap_for(kind) if required else None
-        changes.append((place, value))
+        gap, before = gap_for(kind), _at(texts[name], place)
+        # a bare number gets the previous unit, or the usual one
+        usual = gap.removeprefix(GAP).strip()
+        unit = before.rpartition(" ")[2] if usual and isinstance(before, str) else usual
+        stated = in_unit(typed, usual if any(map(str.isdigit, unit)) else unit)
+        changes.append((place, edits.as_value(kind, stated) if typed else gap if required else None))
     texts[name] = edits.set_values(texts[name], changes)
 
 
@@ -203,13 +202,6 @@ def _new_record(folder: Path, texts: dict[str, str], kind: str, view: str, names
     texts[FILE_NAME] = edits.set_values(texts[FILE_NAME], [((edits.EXPERIMENTS, name, key), made) for name in names])
 
 
-def _as_value(kind: Any, typed: str, before: Any) -> Any:
-    """Return the value written for a typed text; a bare number gets the previous unit, or the usual one."""
-    usual = gap_for(kind).removeprefix(GAP).strip()
-    stood = before.rpartition(" ")[2] if usual and isinstance(before, str) else usual
-    return edits.as_value(kind, in_unit(typed, usual if any(c.isdigit() for c in stood) else stood))
-
-
 def _at(text: str, place: edits.Place) -> Any:
     node: Any = tree_of(text)
     try:
@@ -293,6 +285,8 @@ def _fields(
         choices: list[str] = []
         if typing.get_origin(bare) is Literal:
             choices = [str(a).lower() if isinstance(a, bool) else str(a) for a in typing.get_args(bare)]
+        # texts need no quotation marks here
+        expected = describe(of).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
         options = [typing.get_args(o) for o in typing.get_args(bare) if typing.get_origin(o) is Literal]
         is_list = typing.get_origin(bare) is list
         is_files = is_list and mark(typing.get_args(bare)[0], FileMark) is not None
@@ -303,7 +297,7 @@ def _fields(
             "label": _label(path),
             "text": "" if value is None or is_gap(value) else _as_text(value),
             "files": value if is_files and isinstance(value, list) else None,
-            "expected": _expected(of, path),
+            "expected": f"one of {', '.join(library_names())}" if path[-1] == "material" else expected,
             "remark": remarks.get(place, ""),
             "required": is_required,
             "gap": is_gap(value),
@@ -355,13 +349,6 @@ def _label(path: edits.Place) -> str:
         if key != "values"
     )
     return " ".join(words)
-
-
-def _expected(kind: Any, path: edits.Place) -> str:
-    """Describe the values of a field as typed here, where texts need no quotation marks."""
-    if path[-1] == "material":
-        return f"one of {', '.join(library_names())}"
-    return describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
 
 
 def _as_text(value: Any) -> str:
@@ -416,8 +403,15 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
     told = [line for line in told if line.startswith(f"{FILE_NAME}:")]  # records are told by themselves
     for name, text in texts.items():
         kind = RECORDS.get(str(tree_of(text).get("kind"))) if name != FILE_NAME else None
-        if kind is not None:
-            told += [f"{name}:{line.partition(':')[2]}" for line in _record_problems(folder / name, kind, text)]
+        try:
+            if kind is not None:
+                document = parse(folder / name, text)
+                config.Checker(document, document.path.parent, may_fill=True).value(kind, document.tree, ())
+                document.finish()
+        except ConfigError as error:
+            told += [f"{name}:{line.partition(':')[2]}" for line in error.problems]
+        except LabpipeError as error:
+            told.append(f"{name}:1: {error}")
     problems: dict[tuple[str, ...], Told] = {}
     for line in told:
         match = _PROBLEM.match(line)
@@ -427,16 +421,3 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
         told_before = (file, place) if place else (file, "", message)
         problems.setdefault(told_before, {"file": file, "line": int(number), "place": place or "", "message": message})
     return list(problems.values()), waiting
-
-
-def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
-    """Return the errors and missing values of a record."""
-    try:
-        document = parse(path, text)
-        config.Checker(document, path.parent, may_fill=True).value(kind, document.tree, ())
-        document.finish()
-    except ConfigError as error:
-        return list(error.problems)
-    except LabpipeError as error:
-        return [f"{path.name}:1: {error}"]
-    return []

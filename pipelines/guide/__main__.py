@@ -1,7 +1,7 @@
 """Build the guide's site, its pictures and the replies of its tutorial: ``python -m pipelines.guide SITE``.
 
-With ``--keep`` the program makes pictures and replies anew, and the README's picture of a report, which is that of the
-tutorial's session. A picture of a page is its first screen, as a Chromium on this computer shows it.
+With ``--keep`` the program makes pictures and replies anew. A picture of a page is its first screen, as a Chromium on
+this computer shows it.
 """
 
 import io
@@ -79,20 +79,18 @@ def same_words(now: str, kept: str) -> None:
 
 def of_tutorial(folder: Path, target: Path) -> None:
     """Write the pictures of a session that :func:`replay` has made."""
-    made, readme = folder / "my-session/labpipe", Path(files.__file__).parents[1] / ".github"
+    made = folder / "my-session/labpipe"
     of_page((made / "index.html").as_uri(), target / "session.webp")
     of_page((made / "compare.html").as_uri(), target / "compare.webp")
     of_page((made / page_name("acrylic_7mm")).as_uri(), target / "report.webp")
     of_page((folder / "impossible.html").as_uri(), target / "impossible.webp")
-    if readme.is_dir():
-        of_page((made / page_name("acrylic_1p5mm")).as_uri(), readme / "report.png", height=1500)
     served = serve(folder / "my-session")
     answering = threading.Thread(target=served.run)
     answering.start()
     of_page(served.address, target / "browser.webp")
     served.stop()
     answering.join()
-    _write(folder / "figures/3.10.png", target / "figure.webp")
+    write_picture(folder / "figures/3.10.png", target / "figure.webp")
 
 
 def of_reports(session: Path, target: Path) -> None:
@@ -120,14 +118,14 @@ def of_page(address: str, target: Path, height: int = 900) -> None:
         where = (f"--user-data-dir={folder}/profile", f"--screenshot={screen}", f"--window-size=1400,{height}")
         line = (browser, *switches, "--disable-dev-shm-usage", "--virtual-time-budget=10000", *where, address)
         subprocess.run(line, check=True, capture_output=True, timeout=120)
-        _write(screen, target)
+        write_picture(screen, target)
 
 
-def _write(source: Path, target: Path) -> None:
-    """Write a picture as PNG or WebP, at most 1050 px wide: letters of 16 px are then 12 px high."""
+def write_picture(source: Path, target: Path, width: int = 1050) -> None:
+    """Write a picture as PNG or WebP, at most ``width`` px wide: of a page letters of 16 px are then 12 px high."""
     with Image.open(source) as image:
         small = image.convert("RGB")
-    small.thumbnail((1050, small.height), Image.Resampling.LANCZOS)
+    small.thumbnail((width, small.height), Image.Resampling.LANCZOS)
     held = io.BytesIO()
     (small.quantize(128) if target.suffix == ".png" else small).save(held, target.suffix[1:], quality=80, method=6)
     files.write_bytes(target, held.getvalue())

@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe.identification import DETERMINED, Band as Prediction, moduli, predictive_bands
 from labpipe.report import (
+    SURE,
     Band,
     Block,
     Column,
@@ -27,7 +28,6 @@ from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.pages import chart, session_document, spanned, synthetic_notice
 from pipelines.identify._result import UNCHANGED, Identified, dataset
 
-_REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
@@ -185,7 +185,7 @@ def _against_stated(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
         f"material that the session names ({source}): at most {deviations.max():.2g} standard uncertainties of the "
         "identification; those of the other are not counted."
     )
-    return (Notice("ok" if deviations.max() < _REACH else "info", with_minus(text)),)
+    return (Notice("ok" if deviations.max() < SURE else "info", with_minus(text)),)
 
 
 def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
@@ -201,7 +201,7 @@ def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
         ("loss_factor", "Loss factor", "loss factor"),
     ):
         value, u = made[name].values, made[f"u_ln_{name}"].values
-        wide = np.minimum(_REACH * u, np.log(1e3))
+        wide = np.minimum(SURE * u, np.log(1e3))
         series: list[Series | Band] = [
             Band("95 % of the posterior", frequency, value * np.exp(-wide), value * np.exp(wide)),
             Series("most probable", frequency, value, role="model"),
@@ -240,7 +240,7 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
     axis = group.axis[order]
     scale: Literal["linear", "log"] = "log" if axis[0] > 0 and axis[-1] / axis[0] > 100 else "linear"
     values, u = group.values[order], group.u[order]
-    predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
+    predicted, wide = shown.predicted[order], SURE * shown.u_predicted[order]
     label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
     title = f"{shown.evidence}: {group.name}"
     curves = (

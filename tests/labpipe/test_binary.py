@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labpipe import binary
 from labpipe.binary import Window
 from labpipe.errors import SourceError
 
@@ -27,9 +26,8 @@ def large(tmp_path: Path) -> Path:
 
 
 @pytest.mark.skipif(not _STATUS.exists(), reason="only Linux tells how much of a file is held")
-def test_going_through_a_large_file_does_not_fill_the_memory(large: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(binary, "_KEPT", 2**20)
-    window = Window(large)
+def test_going_through_a_large_file_does_not_fill_the_memory(large: Path) -> None:
+    window = Window(large, kept=2**20)
     before, peak, step = mapped_bytes(), 0, 2**19
     for start in range(0, _SIZE, step):
         assert window.bytes[start : start + step].any()
@@ -47,4 +45,4 @@ def test_a_field_beyond_the_end_and_a_file_without_content_are_named(large: Path
         with pytest.raises(SourceError, match=says):
             Window(tmp_path / name)
     with pytest.raises(SourceError, match="the count would need bytes"):
-        Window(large).integer("I", _SIZE - 3, "the count")
+        Window(large).field("I", _SIZE - 3, "the count")

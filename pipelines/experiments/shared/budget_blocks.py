@@ -43,19 +43,22 @@ def budgets(quantities: Iterable[Quantity], experiment: str) -> Section:
 
 
 def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = "") -> Table:
-    """Return one line for each quantity, which ends with a text under a heading of its own."""
-    rows = [
-        (
-            each.name,
-            value_with_uncertainty(budget.value, budget.u, each.unit),
-            half_width(budget, each.unit),
-            coverage_factor(budget),
-            number(budget.degrees_of_freedom, 3),
-            _checked(budget, drawn, difference_unit(each.unit)),
-            text,
-        )
-        for (each, budget, drawn), text in zip(found, texts, strict=True)
-    ]
+    """Return one line for each quantity, which ends with a text under a heading of its own.
+
+    The linear interval agrees with that of Monte Carlo, or the latter is given and is then the one to use. Few repeats
+    make the linear one too narrow, as effective degrees of freedom only approximate Student's distribution of one
+    input; else the result is not linear within the uncertainty.
+    """
+    rows = []
+    for (each, budget, drawn), text in zip(found, texts, strict=True):
+        why, checked = "few repeats" if isfinite(budget.degrees_of_freedom) else "not linear", "agree"
+        if not intervals_agree(budget, drawn):
+            unit = difference_unit(each.unit)
+            low, high = (quantity(end - budget.value, unit, 2) for end in (drawn.low, drawn.high))
+            checked = f"differ ({why}): {low} to {high} about the value by Monte Carlo"
+        value, half = value_with_uncertainty(budget.value, budget.u, each.unit), half_width(budget, each.unit)
+        freedom = number(budget.degrees_of_freedom, 3)
+        rows.append((each.name, value, half, coverage_factor(budget), freedom, checked, text))
     names, k = map(Column, ("quantity", "value", "expanded uncertainty, 95 %")), Column("coverage factor", digits=3)
     columns = (*names, k, *map(Column, ("degrees of freedom", "linear and Monte Carlo", last)))
     return Table(columns, rows, caption=caption, sortable=False)
@@ -71,16 +74,3 @@ def half_width(budget: Budget, unit: str) -> str:
 def coverage_factor(budget: Budget) -> float:
     """Return expanded over standard uncertainty, for 95 %; not a number without uncertainty."""
     return budget.expanded() / budget.u if budget.u else float("nan")
-
-
-def _checked(budget: Budget, drawn: MonteCarlo, unit: str) -> str:
-    """Say that the linear interval agrees with that of Monte Carlo, or give the latter, which is then the one to use.
-
-    Few repeats make the linear one too narrow, as effective degrees of freedom only approximate Student's distribution
-    of one input; else the result is not linear within the uncertainty.
-    """
-    if intervals_agree(budget, drawn):
-        return "agree"
-    why = "few repeats" if isfinite(budget.degrees_of_freedom) else "not linear"
-    low, high = (quantity(end - budget.value, unit, 2) for end in (drawn.low, drawn.high))
-    return f"differ ({why}): {low} to {high} about the value by Monte Carlo"

@@ -1,6 +1,7 @@
 """The local page in a real browser: from raw files to a report, with the keyboard alone as well."""
 
 import shutil
+import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -11,6 +12,7 @@ import pytest
 
 from instruments import phantom
 from instruments.phantom._writer import Recording
+from pipelines.app import open_guide
 from pipelines.session import open_session
 from tests.labpipe.report.conftest import Browser, opened
 from tests.pipelines.app.conftest import Page
@@ -123,6 +125,27 @@ def test_hostile_names_are_shown_as_text(
     assert window.run("document.querySelectorAll('#file-list img[src=x]').length") == 0
     assert window.run("document.title").startswith("<b>x&amp;")
     quiet(window, page)
+
+
+def test_the_guide_finds_its_sections_by_words(window: Browser) -> None:
+    served = open_guide()
+    answering = threading.Thread(target=served.run)
+    answering.start()
+    try:
+        window.visit(f"{served.address}films.html")
+        person = Person(window)
+        person.tab_to("e.id === 'search'")
+        person.type("damping_ratio plate")
+        window.until("document.querySelectorAll('#found a').length > 0")
+        assert "section" in window.run("document.getElementById('count').textContent")
+        first = window.run("document.querySelector('#found a').href")
+        person.enter()
+        window.until(f"location.href === '{first}' && document.getElementById(location.hash.slice(1)) !== null")
+        assert window.complaints() == []
+        assert {a for a in window.requests() if not a.startswith(served.address)} == set()
+    finally:
+        served.stop()
+        answering.join(60)
 
 
 def test_the_page_says_when_its_server_is_gone(window: Browser, page: Page) -> None:

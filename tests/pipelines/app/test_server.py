@@ -251,7 +251,8 @@ def test_the_guide_comes_from_the_installation_and_shows_nothing_else() -> None:
         status, text = page.ask("experimenter.html")
         assert (status, b"For the experimenter" in text) == (200, True)
         assert "default-src 'none'" in page.headers["content-security-policy"]
-        assert page.ask("app.css")[0] == 200
+        assert "script-src 'self';" in page.headers["content-security-policy"]
+        assert (page.ask("app.css")[0], page.ask("search.js")[0]) == (200, 200)
         for name in ("../app.css", "api/files", "etc/passwd.html", "nothing.html"):
             assert page.ask(name)[0] == 404
         assert page.ask("/experimenter.html", whole=True)[0] == 404

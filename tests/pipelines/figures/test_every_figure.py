@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pipelines import session as verbs
 from pipelines.figures import FIGURES, Figure, make
 from pipelines.figures.inputs import matching
+from tests.pipelines import readme
 
 CAMPAIGN = Path(__file__).parents[3] / "sample_data/thesis-small"
 DRAWN = tuple(figure for figure in FIGURES if figure.function)
@@ -58,6 +59,12 @@ def test_it_is_drawn_with_all_that_a_caption_says(
     assert "nan" not in text.split()
     assert "None" not in text
     assert MESSAGES.get(figure.id, "") in " ".join(text.split())
+    if figure.id in readme.FIGURES:
+        now, held = readme.of_figure(figure, drawing), readme.recorded()[figure.id]
+        assert now.pop("caption") == held.pop("caption"), readme.ADVICE
+        assert now == {name: pytest.approx(numbers, rel=0.02, abs=1e-3) for name, numbers in held.items()}, (
+            readme.ADVICE
+        )
     if drawing.figure is None:
         assert len(drawing.table.splitlines()) > 1
         return
