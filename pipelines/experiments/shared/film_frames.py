@@ -130,14 +130,16 @@ def thinned(wanted: Iterable[int], keys: Collection[int], most: int = 60) -> lis
     return sorted({*evenly.tolist(), *keys})
 
 
-def strip(title: str, drawn: Sequence[Drawn], *, start: int = 0, most_bytes: int = 1_500_000, **more: str) -> Gallery:
+def strip(
+    title: str, drawn: Sequence[Drawn], *, start: int = 0, quality: int = 65, most: int = 1_500_000, **more: str
+) -> Gallery:
     """Make frames a strip to step through; of more than fit into a part of the page every second one.
 
-    ``start`` is the frame that is shown first; ``most_bytes`` is the size in base64.
+    ``start`` is the frame that is shown first; ``quality`` is that of JPEG; ``most`` is the size in base64.
     """
-    frames = [Picture(jpeg(image), alt, caption, at) for image, alt, caption, at in drawn]
+    frames = [Picture(jpeg(image, quality), alt, caption, at) for image, alt, caption, at in drawn]
     kept = [*range(len(frames))]
-    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > most_bytes:
+    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > most:
         kept = sorted({*kept[::2], start})
     step = "Step with ‹ and ›, or with the arrow keys on the slider."
     shown = [frames[i] for i in kept]
@@ -158,7 +160,7 @@ def _header_lines(header: Any) -> list[str]:
     return lines
 
 
-def jpeg(image: NDArray[np.uint8], quality: int = 65) -> bytes:
+def jpeg(image: NDArray[np.uint8], quality: int = 90) -> bytes:
     """Encode a grey or colour (BGR) image; half the colour resolution would blur a thin coloured circle."""
     sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])
