@@ -23,7 +23,6 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 Drawn = tuple[NDArray[np.uint8], str, str, float | None]
 """A picture (BGR) of a frame, its description, its caption and its place on a chart."""
-_WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and relative change of their
 distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
@@ -88,8 +87,8 @@ def recorded_on(film: object) -> str:
     return "" if day.year < 2000 else str(day)
 
 
-def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
-    """Copy a few frames for the page, reduced to 8 bit and to its width.
+def key_frames(film: FrameSource, chosen: Iterable[int], widest: int = 640) -> xr.Dataset:
+    """Copy a few frames for the page, reduced to 8 bit and to its width [px].
 
     Returns
     -------
@@ -103,7 +102,7 @@ def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
         raise InputError("all frames selected for display are damaged in the film")
     low, high = film.levels
     _, rows, columns = film.shape
-    factor = max(1.0, columns / _WIDEST)
+    factor = max(1.0, columns / widest)
     size = (round(columns / factor), max(1, round(rows / factor)))
     grey = ((film[i].astype(float) - low) * (255.0 / max(high - low, 1.0)) for i in sound)
     eight_bit = (np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in grey)

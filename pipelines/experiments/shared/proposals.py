@@ -34,7 +34,6 @@ _MARKS = re.compile(
 _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
-_SLOW = 0.1  # s between readings: no drop is seen so slowly
 POLYMERS = {
     "acrylic": re.compile(r"acryl(?:ic|glas)?(?![a-z])|pmma|plexiglas|perspex", re.IGNORECASE),
     "peek": re.compile("peek", re.IGNORECASE),
@@ -204,13 +203,13 @@ def sees_plate(name: str) -> bool:
     return bool(_PLATE.search(name))
 
 
-def is_slow(path: Path) -> bool:
-    """Return whether the readings of a file are too slow for a drop; not when it does not say."""
+def is_slow(path: Path, slow: float = 0.1) -> bool:
+    """Return whether readings come too rarely [s] for a drop to be seen; not when the file does not say."""
     try:
         found = instruments.read(path)
     except LabpipeError:
         return False
-    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0)) >= _SLOW
+    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0)) >= slow
 
 
 def view(film: str) -> str:
