@@ -34,9 +34,7 @@ class Analysis(Table, frozen=True, kw_only=True):
 class BallDrop(Recorded, frozen=True, kw_only=True):
     """One sphere, one height, one or more recordings of the laser.
 
-    ``counter_body`` is the flat on which it falls.
-    ``measured_on`` is the day of the measurement, for the validity of the calibration record;
-    it is needed where the laser's files carry no date.
+    ``measured_on`` is needed for the validity of the calibration record where the laser's files carry no date.
     """
 
     alternatives: ClassVar = (("plate", "plate_from"),)

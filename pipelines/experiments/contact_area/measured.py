@@ -89,11 +89,10 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
     unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros_like(seen)
-    runs = _contacts(time, seen, unknown)
+    runs, brief = _contacts(time, a, seen, unknown)
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
-    brief = _brief_contacts(time, a, runs)[:IMPACTS]
-    shared = radius["radius_systematic"].values / a
+    brief, shared = brief[:IMPACTS], radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
     peaks = [(*peak_of(time[run], a[run], u[run]), time[run[0]], time[run[-1]]) for run in brief]
     when, largest, own, sampling, first, last = np.array(peaks).reshape(-1, 6).T
@@ -120,26 +119,23 @@ def edges_only(radius: xr.Dataset) -> tuple[int, int]:
     return int(np.sum(method == EDGE)), int(np.isin(method, (FRINGE_FIT, OPEN_GAP)).sum())
 
 
-def _contacts(time: Floats, is_seen: Flags, is_unknown: Flags) -> list[Integers]:
-    """Group the frames with contact into contacts; damaged frames do not part them."""
+def _contacts(time: Floats, a: Floats, is_seen: Flags, is_unknown: Flags) -> tuple[list[Integers], list[Integers]]:
+    """Group the frames with contact, which damaged frames do not part; return all contacts, and those that are impacts.
+
+    An impact is neither rest nor a frame mistaken for a contact.
+    """
     seen = np.flatnonzero(is_seen)
-    if not len(seen):
-        return []
     usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     late, missed = np.diff(time[seen]), np.diff(np.cumsum(~(is_seen | is_unknown))[seen])
     is_new = (missed > _MISSED) | (late > max(_GAP * usual, STILL / 2))
     is_new |= (missed > 0) & (late > (_MISSED + 1.5) * usual)
-    return np.split(seen, np.flatnonzero(is_new) + 1)
-
-
-def _brief_contacts(time: Floats, a: Floats, runs: list[Integers]) -> list[Integers]:
-    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact."""
+    runs = np.split(seen, np.flatnonzero(is_new) + 1) if len(seen) else []
     brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
     if max(map(len, brief), default=0) >= _RESOLVED:
         brief = [run for run in brief if len(run) > 1]
     least = _BRIEF * float(np.median([np.ptp(time[run]) for run in brief])) if brief else 0.0
     around = [time[[max(run[0] - 1, 0), min(run[-1] + 1, len(time) - 1)]] for run in brief]
-    return [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
+    return runs, [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
 
 
 # Frames on either side of the largest and degree of the polynomial through them, the best first. In
@@ -183,10 +179,18 @@ _NEIGHBOURS = 3  # frames before and after an impact, which show that there is n
 
 
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
-    """Copy frames with the fitted circles: those of the impacts, and at rest; without impacts, all over."""
-    sound = np.flatnonzero(radius["valid"].values).tolist()
-    near = thinned(sound, ()) if impacts is None else _of_impacts(radius, impacts)
-    found = key_frames(film_of(film, settings), radius["frame"].values[near])
+    """Copy frames with the fitted circles: those of the impacts and beside, and at rest; without impacts, all over."""
+    around, always = set(np.flatnonzero(radius["valid"].values).tolist()), set[int]()
+    if impacts is not None:
+        time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
+        events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
+        at = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]
+        always, rest = set(at.ravel().tolist()), int(contacts[-1])
+        around = {i for a, _, b in at.T for i in range(max(a - _NEIGHBOURS, 0), min(b + _NEIGHBOURS + 1, time.size))}
+        if np.isfinite(float(impacts["static_radius"])):
+            always.add(rest)
+            around = {i for i in around if i < rest}
+    found = key_frames(film_of(film, settings), radius["frame"].values[thinned(around, always)])
     return with_circles(found, radius.sel(frame=found["frame"].values))
 
 
@@ -205,16 +209,3 @@ def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
         keys[name] = variable("key", values.values, units, text)
     u = np.hypot(at["u_radius"].values, at["radius_systematic"].values)
     return keys.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
-
-
-def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:
-    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds."""
-    time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
-    events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
-    always = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]
-    around = {i for a, _, b in always.T for i in range(max(a - _NEIGHBOURS, 0), min(b + _NEIGHBOURS + 1, time.size))}
-    chosen, rest = set(always.ravel().tolist()), int(contacts[-1])
-    if np.isfinite(float(impacts["static_radius"])):
-        chosen.add(rest)
-        around = {i for i in around if i < rest}
-    return thinned(around, chosen)
