@@ -17,8 +17,6 @@ from pipelines.experiments.shared.counter_body import counter_body_of, modulus_o
 from pipelines.experiments.shared.drop_model import simulated_drop
 from pipelines.experiments.shared.material_choice import resolve, variations
 
-_STEP = 2e-5  # s, spacing of the model's curve
-
 
 def model(
     radius: xr.Dataset,
@@ -29,8 +27,9 @@ def model(
     *,
     settings: ContactArea,
     full: bool = False,
+    step: float = 2e-5,
 ) -> xr.Dataset:
-    """Simulate the drop for as long as the film lasts after its first contact.
+    """Simulate the drop for as long as the film lasts after its first contact, a point of the curve each ``step`` [s].
 
     ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
     """
@@ -39,9 +38,9 @@ def model(
     begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
     duration = fall + float(radius["time"][-1]) - begun + 2 * WINDOW
     of = "peak_contact_radius"
-    made = simulated_drop(settings, *sources, duration, _STEP, followed=IMPACTS, of_budget=of, full=full)
+    made = simulated_drop(settings, *sources, duration, step, followed=IMPACTS, of_budget=of, full=full)
     solid = resolve(sphere, material_file, fitted)
-    first = float(made["contact_duration"][0]) if made.sizes["impact"] else _STEP
+    first = float(made["contact_duration"][0]) if made.sizes["impact"] else step
     made = _with_edge(made, solid, radius, settings)
     flat, factor = counter_compliance(counter_body_of(settings.counter_body)), 1 - float(solid.nu) ** 2
     weight = sphere.mass.value * settings.model.gravity.value
@@ -49,9 +48,9 @@ def model(
     for name, time in (("brief", first), ("lasting", duration - fall)):
         # a glass never relaxes in a film: its limits at rest, a ~ (R m J)^(1/3), are those of the times that it shows
         whole, parts = factor * float(solid.creep(time)) + flat, list(known)
-        for of, (q, step, other) in variations(sphere, material_file, fitted, (time, time)).items():
+        for of, (q, by, other) in variations(sphere, material_file, fitted, (time, time)).items():
             changed = (factor * float(other.creep(time)) + flat) / whole
-            parts.append(Source.of(of, q, float(np.log(changed)) / (3.0 * step)))
+            parts.append(Source.of(of, q, float(np.log(changed)) / (3.0 * by)))
         moduli = modulus_of(settings.counter_body).items()
         parts += [Source.of(of, E, -flat / (3.0 * whole * E.value)) for of, E in moduli]
         at_rest = float(hertz.static_load(weight, sphere.radius.value, 1.0 / whole).contact_radius)
