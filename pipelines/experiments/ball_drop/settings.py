@@ -20,16 +20,8 @@ class Analysis(Table, frozen=True, kw_only=True):
     contact: Literal["polymer", "any"] = "polymer"
 
 
-<<<<<<< HEAD
 class BallDrop(OfLaser, frozen=True, kw_only=True):
     """One sphere, one height, one or more recordings of the laser."""
-=======
-class BallDrop(Recorded, frozen=True, kw_only=True):
-    """One sphere, one height, one or more recordings of the laser.
-
-    ``measured_on`` is needed for the validity of the calibration record where the laser's files carry no date.
-    """
->>>>>>> falls
 
     alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["ball_drop"]
