@@ -11,6 +11,7 @@ import html
 import io
 import json
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -46,7 +47,7 @@ def of_figure(figure: Figure, drawing: Drawing) -> dict[str, list[float] | str]:
         curves = table.groupby(["panel", "curve", "x_axis", "y_axis"])
         ends = {f"{how} {axis}": (axis, how) for axis in "xy" for how in ("min", "max", "mean")}
         for name, *row in curves.agg(n=("x", "size"), **ends).itertuples(name=None):
-            found[" | ".join(name)] = [float(f"{value:.4g}") for value in row]
+            found[re.sub(r"[+−-]?\d+\.\d+", "#", " | ".join(name))] = [float(f"{value:.4g}") for value in row]
     return found
 
 
@@ -130,8 +131,9 @@ def main() -> None:
     record: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix="labpipe-readme-") as place:
         folder = Path(place)
-        for name in ("thesis", "thesis-small", "core"):
-            sample(name, folder / name)
+        sample("thesis", folder / "thesis")
+        for name in ("thesis-small", "core"):
+            shutil.copytree(ROOT / "sample_data" / name, folder / name)
         figures(FIGURES, session=folder / "thesis", out=folder / "figures", jobs=2)
         figures(FIGURES, session=folder / "thesis-small", out=folder / "small", jobs=2)
         for one, width in FIGURES.items():
