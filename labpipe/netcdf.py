@@ -112,7 +112,7 @@ def decode(data: bytes) -> xr.Dataset:
     # A mark at another place than its own means that bytes were cut off or added behind it; others' files have none.
     if _MARK in data[-2 * _TRAILER :] and trailer != _MARK + hashlib.sha256(body).digest():
         raise StoreError("its contents do not match its digest")
-    with netCDF4.Dataset("memory", memory=data) as handle:
+    with netCDF4.Dataset("its bytes", memory=data) as handle:
         _check_sizes(len(data), handle)
         source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
         # packed values and times of other programs are not converted
