@@ -38,8 +38,8 @@ if TYPE_CHECKING:
         Level as Level,
         bounded as bounded,
         compared as compared,
+        doubtful_among as doubtful_among,
         not_made as not_made,
-        stated as stated,
     )
     from labpipe.judging._verdict import (
         Judgement as Judgement,

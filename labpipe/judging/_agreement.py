@@ -22,11 +22,9 @@ ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 LIKELY, DIFFERS = 0.05, 0.001
 """Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
-_POWER = 0.95  # probability with which a detectable error is shown
 _SINGULAR = 1e-9  # part of the largest variance (of correlations) below which a direction carries no information
 _OPEN = 0.05  # part of a shared uncertainty by which its effects may differ in shape from their sensitivities
-_BATCHES, _FEWEST = 10, 6  # batches of a stretch, and the fewest that show its scatter
-_TREND = 2  # degree: flights and relaxations that differ do so along arcs
+_BATCHES, _TREND = 10, 2  # of a stretch, and their degree: flights and relaxations that differ do so along arcs
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +119,7 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     """
     root, count = _directions(np.asarray(covariance, float), slack)
     strength = np.linalg.norm(root @ np.asarray(sensitivities, float), axis=0)
-    noncentrality = special.chndtrinc(special.chdtri(count, LIKELY), count, 1.0 - _POWER)
+    noncentrality = special.chndtrinc(special.chdtri(count, LIKELY), count, LIKELY)
     return np.divide(np.sqrt(noncentrality), strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
@@ -171,7 +169,7 @@ def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Fl
     x, found = np.asarray(values, float), list[tuple[float, float]]()
     for stretch in (x[place] for place in places):
         count = min(_BATCHES, stretch.size)
-        if count < _FEWEST:
+        if count <= _TREND + 3:  # Student's distribution has a variance from three degrees of freedom on
             found.append((np.nan, np.nan))
             continue
         batches = np.array([part.mean() for part in np.array_split(stretch, count)])

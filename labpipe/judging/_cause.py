@@ -17,7 +17,7 @@ from labpipe.judging._check import IMPOSSIBLE, Check
 _FLOOR = 2e-3  # least relative uncertainty of a check when causes are compared: the laws are that good
 _USUAL = 9.0  # gain in chi square of a factor that people are known to get wrong (1000, 25.4, 2) over any other
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
-_ALIKE = 4.0  # difference in chi square up to which two causes cannot be distinguished
+_ALIKE = _RIGHT * _RIGHT  # difference in chi square up to which two causes cannot be distinguished
 _EXPLAINED = 0.1  # part of chi square that a cause may leave, where that is more, and still be named
 _SMALL = 1.1  # factor below which per cent say more
 
@@ -49,8 +49,8 @@ class Cause:
     returns the sentence, such as ``"the sampling cycle is probably 100 µs, not 50 µs"``. ``usual`` are factors that the
     mistake usually has, empty when any is as likely, from which a factor that is found may differ by ``slack``
     (relative; other inputs may be off too); with ``only_usual`` no other factor is this mistake. ``u`` is the relative
-    standard uncertainty of the input as it is stated: a factor of more than ten of them comes after every other cause.
-    ``file``, ``line`` and ``setting`` are the place, see :class:`Finding`.
+    standard uncertainty of the input, the usual one where none ``is_stated``: a factor of more than ten of them comes
+    after every other cause. ``file``, ``line`` and ``setting`` are the place, see :class:`Finding`.
     """
 
     effects: Mapping[str, float]
@@ -60,6 +60,7 @@ class Cause:
     slack: float = 0.02
     _: KW_ONLY
     u: float = inf
+    is_stated: bool = True
     file: str = ""
     line: int | None = None
     setting: str = ""
@@ -85,8 +86,8 @@ class Explanation(NamedTuple):
     @property
     def sentence(self) -> str:
         """The probable mistake."""
-        said = self.cause.say(self.factor)
-        return f"{said}, off by {in_words(self.n_u, 2)} times its stated uncertainty" if self.is_last_resort else said
+        far = f", off by {in_words(self.n_u, 2)} times its {'stated' if self.cause.is_stated else 'usual'} uncertainty"
+        return self.cause.say(self.factor) + far * self.is_last_resort
 
 
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
@@ -118,8 +119,7 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         left = sum(z**2 for _, z in rest)
         # a check that it does not move, and that is right, speaks neither for it nor against it
         if sum(z**2 for d, z in rest if d or abs(z) > _RIGHT) <= max(_EXPLAINED * before, _ALIKE):
-            names = tuple(name for name, *_ in rows if cause.effects.get(name))
-            n_u = 0.0 if is_usual else abs(place) / cause.u
+            names, n_u = tuple(n for n, *_ in rows if cause.effects.get(n)), 0.0 if is_usual else abs(place) / cause.u
             found.append(Explanation(cause, exp(place), names, left - _USUAL * is_usual, n_u))
     # of errors beyond every uncertainty that explain as much the smallest is first
     alike = min((one.score for one in found if one.is_last_resort), default=0.0) + _ALIKE
@@ -132,17 +132,15 @@ def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[
 
     Causes that explain as much are all given, with file, line and setting of the first.
     """
-    told = []
-    for check in checks:
+    told = list(checks)
+    for i, check in enumerate(checks):
         known = [one for one in ranked if check.name in one.checks]
-        if check.level is None or check.cause or not known:
-            told.append(check)
-            continue
-        best = known[0]
-        alike = [o for o in known if o.score <= best.score + _ALIKE and o.is_last_resort == best.is_last_resort]
-        place = best.cause if best.cause.file or best.cause.setting else check
-        said = "; or ".join(dict.fromkeys(one.sentence for one in alike))
-        told.append(replace(check, cause=said, file=place.file, line=place.line, setting=place.setting))
+        if check.level and known and not check.cause:
+            best = known[0]
+            alike = [o for o in known if o.score <= best.score + _ALIKE and o.is_last_resort == best.is_last_resort]
+            place = best.cause if best.cause.file or best.cause.setting else check
+            said = "; or ".join(dict.fromkeys(one.sentence for one in alike))
+            told[i] = replace(check, cause=said, file=place.file, line=place.line, setting=place.setting)
     return told
 
 

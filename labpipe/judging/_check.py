@@ -2,6 +2,7 @@
 
 from dataclasses import KW_ONLY, dataclass
 from math import hypot, inf, isfinite, log, nan
+from statistics import NormalDist
 from typing import Any, Literal, NamedTuple
 
 Level = Literal["impossible", "doubtful", "note"]
@@ -14,6 +15,12 @@ FLAGS = {"yes": 1, "unknown": 2, "doubtful": 3, "impossible": 4}
 IMPOSSIBLE, DOUBTFUL, BROKEN = 10.0, 4.0, 5.0
 """Standard uncertainties beyond which two ways to one quantity contradict each other, beyond which they are doubtful
 (once in 16,000 by chance), and by which a law without exceptions must be broken."""
+
+
+def doubtful_among(count: int) -> float:
+    """Return the standard uncertainties that the largest of ``count`` values exceeds as rarely as one exceeds 4."""
+    normal = NormalDist()
+    return -normal.inv_cdf(normal.cdf(-DOUBTFUL) / max(count, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +58,9 @@ class Check:
     ``log_ratio`` the natural logarithm of observed over expected, by which causes are distinguished; NaN where either
     has no meaning. ``needs`` is the statement or recording that is missing. ``cause``, ``file``, ``line`` and
     ``setting`` are as in :class:`Finding`, where the check itself knows them. ``title`` is the check that it belongs
-    to, its name by default; ``recording`` was evaluated, empty for a value of the settings. ``is_generic`` is True
-    where a processing step failed: a finding about the record itself explains it better.
+    to, its name by default; ``recording`` was evaluated, empty for a value of the settings. ``otherwise`` is the cause
+    where no other is found. ``is_generic`` is True where a processing step failed: a finding about the record itself
+    explains it better.
     """
 
     name: str
@@ -69,6 +77,7 @@ class Check:
     setting: str = ""
     title: str = ""
     recording: str = ""
+    otherwise: str = ""
     is_generic: bool = False
 
     def __post_init__(self) -> None:
@@ -141,19 +150,19 @@ def compared(
     allowance : float
         Largest systematic effect that the kind of experiment knows (such as drag), in the same unit.
     factor : bool
-        Whether a wrong factor could explain a difference.
+        Whether a wrong factor could explain a difference; then values of one sign are compared by their logarithms.
     """
     u = hypot(u_seen, u_expected)
     if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
         return not_made(name, "finite values with uncertainties")
-    margin = (seen - expected) / u
+    margin, ratio, u_ratio = (seen - expected) / u, nan, nan
+    if factor and seen * expected > 0.0:
+        ratio, u_ratio = log(seen / expected), hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected)
+        margin = ratio / hypot(u_seen / seen, u_expected / expected)
     level: Level | None = None
-    if abs(seen - expected) > max(allowance, DOUBTFUL * u):
+    if abs(seen - expected) > allowance and abs(margin) > DOUBTFUL:
         level = "impossible" if abs(margin) > IMPOSSIBLE else "doubtful"
-    if not factor or seen * expected <= 0.0:
-        return Check(name, message, level, margin, **place)
-    u_ratio = hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected)
-    return Check(name, message, level, margin, log(seen / expected), u_ratio, **place)
+    return Check(name, message, level, margin, ratio, u_ratio, **place)
 
 
 def bounded(
@@ -178,11 +187,6 @@ def bounded(
     margin = nan if beyond <= 0.0 else beyond / u if u else inf
     level: Level | None = "impossible" if is_law and margin > BROKEN else "doubtful" if margin > DOUBTFUL else None
     return Check(name, message, level, margin, **place)
-
-
-def stated(name: str, message: str, level: Level | None, **place: Any) -> Check:
-    """Return a check whose answer is plain, such as that two files hold the same bytes."""
-    return Check(name, message, level, **place)
 
 
 def not_made(name: str, needs: str) -> Check:

@@ -59,7 +59,7 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[s
     `causes` are mistakes that would explain several checks at once: each finding has the likeliest one, with its place.
     """
     ranked = explain(checks, causes)
-    explained = with_causes(checks, ranked)
+    explained = [replace(check, cause=check.cause or check.otherwise) for check in with_causes(checks, ranked)]
     explained = [_specific(check, explained) if check.is_generic else check for check in explained]
     levels = {c.level for c in checks}
     believable: Verdict = "yes"

@@ -37,6 +37,7 @@ from labpipe.report._style import (
     figure_bytes as figure_bytes,
     figure_style as figure_style,
     line_arguments as line_arguments,
+    looks as looks,
     save_figure as save_figure,
 )
 from labpipe.report._tables import (

@@ -6,7 +6,7 @@ bytes that the page has left (:mod:`._thinning`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from labpipe.errors import InputError
 from labpipe.report._style import Role
@@ -43,7 +43,7 @@ class Series:
         repeat behind a band). Still pictures leave it out.
     level : float, optional
         Place of the curve in a family, from 0 (cold) to 1 (warm): it takes its colour from a
-        scale, and its name is shown at its end.
+        scale, and its name is shown at its end, unless it is that of a model.
 
     Raises
     ------
@@ -81,14 +81,14 @@ class Band(Series):
         Entry of the legend; name the coverage of the band ("mean ± 1 sd, n = 5").
     x, low, high : array_like (n,)
         Numbers in the units that the axis labels name; NaN is a gap.
-    role : str or None
-        Give the role of the curve that the band belongs to.
+    role, level
+        As of the curve that the band belongs to.
     """
 
     def __init__(
-        self, name: str, x: "ArrayLike", low: "ArrayLike", high: "ArrayLike", role: Role | None = None
+        self, name: str, x: "ArrayLike", low: "ArrayLike", high: "ArrayLike", role: Role | None = None, **more: Any
     ) -> None:
-        super().__init__(name, x, low, "band", role, high)
+        super().__init__(name, x, low, "band", role, high, **more)
 
 
 @dataclass(frozen=True, eq=False)

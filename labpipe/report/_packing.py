@@ -130,7 +130,7 @@ def _looks(chart: LineChart) -> dict[int, tuple[LineLook, bool]]:
     for is_band in (False, True):
         chosen = [s for s in chart.series if (s.style == "band") == is_band and s.level is None]
         found |= zip(map(id, chosen), looks([s.role for s in chosen]), strict=True)
-    found |= {id(s): level_look(s.level) for s in chart.series if s.level is not None}
+    found |= {id(s): level_look(s.level, s.role) for s in chart.series if s.level is not None}
     if len(chart.series) == 1:
         # Dashes tell curves apart; a curve alone needs none, and its peaks want a whole line.
         found = {key: replace(look, dash=()) for key, look in found.items()}
@@ -139,7 +139,7 @@ def _looks(chart: LineChart) -> dict[int, tuple[LineLook, bool]]:
     # Points carry markers already, and markers along lines would hide them.
     can_mark = chart.is_ordered and not any(s.style == "points" for s in curves)
     marked = {id(s) for s in curves if can_mark and roles.count(s.role) > 1}
-    marked |= {id(s) for s in chart.series if s.level is not None and s.style != "points"}
+    marked |= {id(s) for s in chart.series if s.level is not None and s.style not in ("points", "band")}
     return {key: (look, key in marked) for key, look in found.items()}
 
 

@@ -69,15 +69,15 @@ _SCALE = {
 }
 
 
-def level_look(level: float) -> LineLook:
-    """Return the look of a curve of a family, by its place from 0 (cold) to 1 (warm)."""
+def level_look(level: float, role: str | None = None) -> LineLook:
+    """Return the look of a curve of a family: colours by its place from 0 (cold) to 1 (warm), all else by its role."""
     place = min(max(level, 0.0), 1.0) * 4
     first = min(int(place), 3)
     mixed = []
     for colours in (_SCALE["light"], _SCALE["dark"]):
         parts = [[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in colours[first : first + 2]]
         mixed.append("#" + "".join(f"{round(a + (b - a) * (place - first)):02x}" for a, b in zip(*parts, strict=True)))
-    return LineLook(mixed[0], mixed[1], (), "circle", True, 1.0)
+    return replace(_BY_ROLE[role or "measured"], light=mixed[0], dark=mixed[1])
 
 
 def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:

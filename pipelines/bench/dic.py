@@ -7,7 +7,7 @@ same process. Peers: OpenCV, the settings of the thesis's program DICe, and pyid
 
 import contextlib
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -20,29 +20,27 @@ from scipy.special import erf
 
 from labpipe.arrays import Floats
 from labpipe.imaging import track
-from pipelines.bench.measure import Bound, Extra, Suite, Timing, race
+from pipelines.bench.measure import Bound, Extra, Suite, race
 
 Film = NDArray[np.uint8]
 
-_NOISE = 2.0  # grey levels, as of a good high-speed camera
-_STEP = (0.1, 0.05)  # px from frame to frame, that of a falling holder early on
-_SUBSET = 31
-_BORDER = 30  # px
 _TAPS = np.arange(-2, 4)  # of the kernel of Keys
 _DEFAULT = "quintic, 121 points"
-_LUCAS_KANADE = "Lucas–Kanade, 121 points"
 
 
-def run(quick: bool) -> list[Suite]:
-    """Measure error and time of the settings and of the peers; quick: 121 points only, and fewer repeats."""
+def run(quick: bool, subset: int = 31, noise: float = 2.0) -> list[Suite]:
+    """Measure error and time of the settings and of the peers; quick: 121 points only, and fewer repeats.
+
+    ``subset`` is in px, ``noise`` in grey levels, by default that of a good high-speed camera.
+    """
     frames = 11 if quick else 20
-    film, truth = make_film(512, frames, _NOISE)
-    bound = cramer_rao(film[0], _SUBSET)
+    film, truth = make_film(512, frames, noise)
+    bound = cramer_rao(film[0], subset, noise)
     has_pyidi = find_spec("pyidi") is not None
     calls: dict[str, tuple[str, Callable[[], object]]] = {}
     counts: dict[str, int] = {}
     for side in (11,) if quick else (11, 41):
-        axis = np.rint(np.linspace(_BORDER, 511 - _BORDER, side))
+        axis = np.rint(np.linspace(subset - 1, 512 - subset, side))
         points = np.stack([axis.ravel() for axis in np.meshgrid(axis, axis)], axis=1)
         few = points[::16]
         methods: list[tuple[str, str, Callable[..., Floats], Floats]] = [
@@ -55,14 +53,12 @@ def run(quick: bool) -> list[Suite]:
         ]
         for group, name, method, given in methods:
             setting = f"{name}, {side**2} points"
-            calls[setting], counts[setting] = (group, partial(method, film, given, _SUBSET)), len(given)
+            calls[setting], counts[setting] = (group, partial(method, film, given, subset)), len(given)
 
-    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        error = np.asarray(timings[name].value) - truth[:, None]
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
+        error = np.asarray(found) - truth[:, None]
         rms = float(np.sqrt(np.nanmean(error[1:] ** 2)))
-        per_point = timings[name].ratio(timings[_LUCAS_KANADE])[0] * counts[_LUCAS_KANADE] / counts[name]
-        lost = 100.0 * float(np.isnan(error).mean())
-        return rms, {"error / bound": rms / bound, "time / Lucas–Kanade, per point": per_point, "lost (%)": lost}
+        return rms, {"error / bound": rms / bound, "lost (%)": 100.0 * float(np.isnan(error).mean())}
 
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # as the kernels of the others have only one
@@ -73,26 +69,27 @@ def run(quick: bool) -> list[Suite]:
     return [
         Suite(
             "dic",
-            f"Displacement of subsets of {_SUBSET} px, {frames} frames of 512 × 512 px of sprayed speckle, noise of "
-            f"{_NOISE:g} grey levels",
+            f"Displacement of subsets of {subset} px, {frames} frames of 512 × 512 px of sprayed speckle, noise of "
+            f"{noise:g} grey levels",
             "RMS error (px)",
             [replace(p, seconds=p.seconds / (frames * counts[p.setting])) for p in timed],
-            [Bound(f"Cramér–Rao, {_SUBSET} px", bound)],
+            [Bound(f"Cramér–Rao, {subset} px", bound)],
             [] if has_pyidi else ["pyidi is not installed; it is not compared."],
             time_label="run time per point and frame (s)",
         )
     ]
 
 
-def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
+def make_film(size: int, frames: int, noise: float, step: tuple[float, float] = (0.1, 0.05)) -> tuple[Film, Floats]:
     """Make a film (frame, row, column) of shifted sprayed speckle and its shifts (frame, 2) in px.
 
-    Dark discs of 1.2 to 2.6 px radius with edges that lens and pixel blur by 0.8 px (standard deviation).
+    The ``step`` [px] from frame to frame is that of a falling holder early on. Dark discs of 1.2 to 2.6 px radius have
+    edges that lens and pixel blur by 0.8 px (standard deviation).
     """
     rng = np.random.default_rng(3)
     count = size * size // 14
     centre, radius = rng.uniform(-10.0, size + 10.0, (2, count)), rng.uniform(1.2, 2.6, count)
-    shifts = np.arange(frames)[:, None] * np.array(_STEP)
+    shifts = np.arange(frames)[:, None] * np.array(step)
     steps, margin = np.arange(-6, 7), 24
     images = []
     for shift in shifts:
@@ -107,11 +104,11 @@ def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
     return np.stack(images), shifts
 
 
-def cramer_rao(image: Film, subset: int) -> float:
+def cramer_rao(image: Film, subset: int, noise: float) -> float:
     """Bound (px) of a translation from two noisy images, mean slope of the image."""
     grey = image.astype(float)
-    slopes = np.mean([((np.diff(grey, axis=k)) ** 2).mean() - 2 * _NOISE**2 for k in (0, 1)])
-    return float(np.sqrt(2 * (_NOISE**2 + 1 / 12) / (slopes * subset**2)))
+    slopes = np.mean([((np.diff(grey, axis=k)) ** 2).mean() - 2 * noise**2 for k in (0, 1)])
+    return float(np.sqrt(2 * (noise**2 + 1 / 12) / (slopes * subset**2)))
 
 
 def _correlate(film: Film, points: Floats, subset: int, order: Any, shape: Any) -> Floats:
@@ -176,24 +173,19 @@ def keys_correlation(film: Film, points: Floats, subset: int) -> Floats:
 
 
 def _shifted(image: Film, x: int, y: int, half: int, shift: Floats) -> Floats:
-    """Grey levels of a subset between the pixels."""
+    """Grey levels of a subset between the pixels, by the kernel of Keys of the fourth order (six points)."""
     whole = np.floor(shift).astype(int)
     rows = np.arange(-half + _TAPS[0], half + _TAPS[-1] + 1) + y + whole[1]
     columns = np.arange(-half + _TAPS[0], half + _TAPS[-1] + 1) + x + whole[0]
     part = image[np.ix_(rows, columns)].astype(float)
-    weights_x, weights_y = (_keys(part_of - _TAPS) for part_of in shift - whole)
-    size = 2 * half + 1
-    along = sum(w * part[:, k : k + size] for k, w in enumerate(weights_x))
-    return np.asarray(sum(w * along[k : k + size] for k, w in enumerate(weights_y)))
-
-
-def _keys(distance: Floats) -> Floats:
-    """Kernel of Keys of the fourth order (six points)."""
-    s = np.abs(distance)
+    s = np.abs((shift - whole)[:, None] - _TAPS)
     near = (4 / 3 * s - 7 / 3) * s**2 + 1
     middle = ((-7 / 12 * s + 3) * s - 59 / 12) * s + 15 / 6
     far = ((s / 12 - 2 / 3) * s + 21 / 12) * s - 3 / 2
-    return np.where(s < 1, near, np.where(s < 2, middle, np.where(s < 3, far, 0.0)))
+    weights_x, weights_y = np.where(s < 1, near, np.where(s < 2, middle, np.where(s < 3, far, 0.0)))
+    size = 2 * half + 1
+    along = sum(w * part[:, k : k + size] for k, w in enumerate(weights_x))
+    return np.asarray(sum(w * along[k : k + size] for k, w in enumerate(weights_y)))
 
 
 def pyidi(film: Film, points: Floats, subset: int) -> Floats:

@@ -4,10 +4,9 @@ Truth: Ting's integral for the first impact of a polymer of eleven terms (ten di
 of 34 bounces of one of fifteen terms by springs at a hundred times finer steps than the default.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import isnan, nan, sqrt
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,11 @@ from scipy.integrate import solve_ivp
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
-from pipelines.bench.measure import OURS, THESIS, Extra, Point, Suite, Timing, race
+from pipelines.bench.measure import OURS, THESIS, Calls, Extra, Point, Suite, race
+from pipelines.rig.apparatus import SPHERE
 
 TING = "Ting's equations, SciPy"
-_RADIUS, _MASS, _HEIGHT, _GRAVITY = 9.525e-3, 0.505, 1.5e-3, 9.81
+_BODY = SPHERE.radius, SPHERE.mass, SPHERE.heights[0]
 _TAU = np.logspace(-10, 2, 15)
 _SHARE = (1 / 2e9 - 1 / 6e9) / 15
 #: Ting's integral for the first impact of the polymer without its four fastest terms.
@@ -38,7 +38,6 @@ _TRAIN = {
     3: (0.096140314, 0.938567, 207.004401),
     31: (0.484611580, 0.90733, 22.415490),
 }
-_BOUNCES = 34
 
 
 def run(quick: bool) -> list[Suite]:
@@ -46,14 +45,14 @@ def run(quick: bool) -> list[Suite]:
     solid = Prony.from_creep(2e9, np.full(11, _SHARE), _TAU[4:], nu=0.35)
     steps = (2e-4, 2e-5, 4e-6) if quick else (2e-4, 5e-5, 2e-5, 8e-6, 4e-6, 2e-6, 1e-6)
     tolerances = (1e-3, 1e-4, 1e-5, 1e-6) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-    calls = _solvers(solid, 2e-3, tolerances, steps)
-    for rtol in (1e-6, 1e-10) if quick else (1e-4, 1e-6, 1e-8, 1e-10):
-        call = partial(first_impact, solid, _RADIUS, _MASS, _HEIGHT, _GRAVITY, rtol)
-        calls[f"{TING}, rtol {rtol:.0e}"] = TING, call
-    points = _measured(calls, _first_error, 3 if quick else 7)
+    peers = {
+        f"{TING}, rtol {rtol:.0e}": (TING, partial(first_impact, solid, *_BODY, SPHERE.gravity, rtol))
+        for rtol in ((1e-6, 1e-10) if quick else (1e-4, 1e-6, 1e-8, 1e-10))
+    }
+    points = _measured({**_solvers(solid, 2e-3, tolerances, steps), **peers}, _first_error, 3 if quick else 7)
     title = "First impact of an acrylic-like sphere, 1.5 mm: against Ting's integral"
     error = "worst relative error of restitution, force, approach, duration (1)"
-    first = Suite("drop-first", title, error, points, notes=[speed_up(points)])
+    first = Suite("drop-first", title, error, points)
 
     solid = Prony.from_creep(2e9, np.full(15, _SHARE), _TAU, nu=0.35)
     calls = _solvers(
@@ -62,16 +61,14 @@ def run(quick: bool) -> list[Suite]:
     points = _measured(calls, _train_error, 1 if quick else 3)
     title = "34 bounces in 0.5 s of an acrylic-like sphere, 15 terms from 1e-10 to 1e2 s"
     error = "worst relative error of touch times, forces, restitutions (1)"
-    notes = [speed_up(points), "A wrong number of bounces counts as an error of 1."]
+    notes = ["A wrong number of bounces counts as an error of 1."]
     return [first, Suite("drop-train", title, error, points, notes=notes)]
 
 
-def _solvers(
-    solid: Prony, after: float, tolerances: Sequence[float], steps: Sequence[float]
-) -> dict[str, tuple[str, Callable[[], object]]]:
+def _solvers(solid: Prony, after: float, tolerances: Sequence[float], steps: Sequence[float]) -> Calls:
     """Name our solvers at several tolerances and the thesis's at several steps, ``after`` s beyond the fall."""
-    duration = sqrt(2.0 * _HEIGHT / _GRAVITY) + after
-    drop = partial(contact.drop, solid, _RADIUS, _MASS, _HEIGHT, duration)
+    duration = sqrt(2.0 * SPHERE.heights[0] / SPHERE.gravity) + after
+    drop = partial(contact.drop, solid, *_BODY, duration)
     calls: dict[str, tuple[str, Callable[[], object]]] = {
         f"{name}, rtol {rtol:.0e}": (OURS, partial(drop, solver=solver, rtol=rtol))
         for solver, name in (("mdr", "springs"), ("rings", "rings"))
@@ -83,28 +80,11 @@ def _solvers(
     }
 
 
-def _measured(
-    calls: Mapping[str, tuple[str, Callable[[], object]]], error: Callable[[Any], float], repeats: int
-) -> list[Point]:
-    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        found: Any = timings[name].value
+def _measured(calls: Calls, error: Callable[[Any], float], repeats: int) -> list[Point]:
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
         return error(found), {"bounces": int(found.sizes["impact"])}
 
     return race(calls, repeats, judge, "springs, rtol 1e-04", budget=60.0)
-
-
-def speed_up(points: Sequence[Point]) -> str:
-    """Say how much faster the cheapest setting is that errs no more than the thesis's best."""
-    best = min((p for p in points if p.group == THESIS and not isnan(p.error)), key=lambda p: p.error)
-    ours = [p for p in points if p.group == OURS and p.error <= best.error]
-    if not ours:
-        return f"No setting of ours errs as little as {best.setting} ({best.error:.1e})."
-    fast = min(ours, key=lambda p: p.seconds)
-    ratio = median(a / b for a, b in zip(best.samples, fast.samples, strict=True))
-    return (
-        f"{best.setting} errs by {best.error:.1e}; {fast.setting} errs by {fast.error:.1e} and is {ratio:,.1f} times "
-        "as fast."
-    )
 
 
 def _first_error(found: Any) -> float:
@@ -113,8 +93,8 @@ def _first_error(found: Any) -> float:
     return max(abs(float(found[name][0]) / exact - 1.0) for name, exact in _FIRST.items())
 
 
-def _train_error(found: Any) -> float:
-    if found.sizes["impact"] != _BOUNCES:
+def _train_error(found: Any, bounces: int = 34) -> float:
+    if found.sizes["impact"] != bounces:
         return 1.0
     touch = found.impact_time.values - found.impact_time.values[0]
     errors = [abs(touch[n] / time - 1.0) for n, (time, _, _) in _TRAIN.items() if not isnan(time)]

@@ -4,7 +4,7 @@ Truth: Westergaard's pressure; the forces of a tapping cylinder by the closed fo
 8000 steps a cycle. Peer: tamaas (boundary elements with FFT), https://doi.org/10.21105/joss.02121.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -15,19 +15,17 @@ from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
-from pipelines.bench.drop import speed_up
-from pipelines.bench.measure import OURS, THESIS, Calls, Extra, Point, Suite, Timing, race
+from pipelines.bench.measure import OURS, THESIS, Extra, Suite, race
+from pipelines.rig.apparatus import PUNCH
 
-_RADIUS, _PERIOD = 2e-3, 8e-3
 _MEAN = 0.2  # pressure over that of full contact
+_PUNCH = PUNCH.radius, PUNCH.period
 #: Half width of the elastic line over the period: its sin² is the mean pressure over that of full contact.
 _SHARE = float(np.arcsin(np.sqrt(_MEAN)) / np.pi)
-_MOST_FACTORED = 4096
-_TIMES = (0.25, 0.40, 0.50, 0.60, 0.70, 1.50)
 
 
 class _Solid(NamedTuple):
-    """A material under ``2e-4 (0.2 - 0.8 cos 2πt)`` m: forces (N/m) at those times, and peak."""
+    """A material under ``2e-4 (0.2 - 0.8 cos 2πt)`` m: forces (N/m) at some times, and peak."""
 
     name: str
     terms: int
@@ -35,6 +33,7 @@ class _Solid(NamedTuple):
     tau: tuple[float, float]
     forces: tuple[float, ...]
     peak: float
+    times: tuple[float, ...] = (0.25, 0.40, 0.50, 0.60, 0.70, 1.50)
 
 
 _SOLIDS = (
@@ -62,17 +61,21 @@ def run(quick: bool) -> list[Suite]:
     return [_elastic(quick), *(_tapping(quick, solid) for solid in _SOLIDS)]
 
 
-def _elastic(quick: bool) -> Suite:
+def _elastic(quick: bool, most_factored: int = 4096) -> Suite:
     has_peer = find_spec("tamaas") is not None
     calls: dict[str, tuple[str, Callable[[], object]]] = {}
     for n in (64, 256, 1024) if quick else (64, 256, 1024, 4096, 16384):
         # All strips that may be touched are factored: not for the finest grids.
-        if n <= _MOST_FACTORED:
+        if n <= most_factored:
             calls[f"springs, {n} strips"] = OURS, partial(_pressure, n)
         if has_peer:
             calls[f"tamaas, {n} points"] = "tamaas", partial(tamaas_pressure, n)
+
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
+        return pressure_error(found), {}
+
     title = "Elastic half-plane under a cosine, mean pressure 0.2 p*: against Westergaard"
-    points = _measured(calls, pressure_error, 3 if quick else 7, "springs, 1024 strips")
+    points = race(calls, 3 if quick else 7, judge, "springs, 1024 strips", budget=60.0)
     notes = [] if has_peer else ["tamaas is not installed: no peer for the elastic line."]
     return Suite("line-elastic", title, "relative L2 error of the pressure (1)", points, notes=notes)
 
@@ -80,9 +83,9 @@ def _elastic(quick: bool) -> Suite:
 def _pressure(elements: int) -> Floats:
     """Return the pressure (element,) over its mean, centred."""
     solid = Prony(1.0, [], [], nu=0.0)
-    approach = [float(westergaard.from_half_width(_SHARE * _PERIOD, _RADIUS, _PERIOD, 1.0, "cosine").displacement)]
+    approach = [float(westergaard.from_half_width(_SHARE * PUNCH.period, *_PUNCH, 1.0, "cosine").displacement)]
     options: dict[str, Any] = {"elements": elements, "outputs": ("pressure",)}
-    found = contact.indent(solid, _RADIUS, _PERIOD, 1.0, [0.0], approach, "cosine", **options)
+    found = contact.indent(solid, *_PUNCH, 1.0, [0.0], approach, "cosine", **options)
     pressure: Floats = found.pressure.values[0]
     return pressure / pressure.mean()
 
@@ -109,35 +112,28 @@ def pressure_error(found: object) -> float:
     return float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact))
 
 
-def _measured(calls: Calls, error: Callable[[Any], float], repeats: int, default: str) -> list[Point]:
-    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        return error(timings[name].value), {}
-
-    return race(calls, repeats, judge, default, budget=60.0)
-
-
 def _tapping(quick: bool, solid: _Solid) -> Suite:
     share = np.full(solid.terms, (1 / 2e9 - 1 / solid.unrelaxed) / solid.terms)
     material = Prony.from_creep(2e9, share, np.logspace(*solid.tau, solid.terms), nu=0.35)
 
     def ours(rtol: float) -> Callable[[], object]:
         history = _history(400)
-        return lambda: contact.indent(material, _RADIUS, _PERIOD, 1.0, *history, elements=1024, rtol=rtol)
+        return lambda: contact.indent(material, *_PUNCH, 1.0, *history, elements=1024, rtol=rtol)
 
     def thesis(per_cycle: int) -> Callable[[], object]:
         history = _history(per_cycle)
-        return lambda: contact.indent(material, _RADIUS, _PERIOD, 1.0, *history, elements=256, solver="thesis")
+        return lambda: contact.indent(material, *_PUNCH, 1.0, *history, elements=256, solver="thesis")
 
-    def error(found: Any) -> float:
-        shown = np.interp(_TIMES, found.time.values, found.force.values)
-        return float(np.abs(shown - np.array(solid.forces)).max() / solid.peak)
+    def judge(_: str, found: Any) -> tuple[float, Extra]:
+        shown = np.interp(solid.times, found.time.values, found.force.values)
+        return float(np.abs(shown - np.array(solid.forces)).max() / solid.peak), {}
 
     calls = {f"adaptive, rtol {r:.0e}": (OURS, ours(r)) for r in ((1e-5,) if quick else (1e-3, 1e-4, 1e-5))}
     steps = (20, 100) if quick else (20, 40, 100, 200, 400, 1000)
     calls |= {f"thesis's scheme, {n} steps a cycle": (THESIS, thesis(n)) for n in steps}
-    points = _measured(calls, error, 1 if quick else 3, "adaptive, rtol 1e-05")
+    points = race(calls, 1 if quick else 3, judge, "adaptive, rtol 1e-05", budget=60.0)
     name, title = f"line-tapping-{solid.terms}", f"Two cycles of tapping by a cylinder, {solid.name}"
-    return Suite(name, title, "worst error of the force over its peak (1)", points, notes=[speed_up(points)])
+    return Suite(name, title, "worst error of the force over its peak (1)", points)
 
 
 def _history(per_cycle: int) -> tuple[Floats, Floats]:

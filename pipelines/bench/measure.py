@@ -71,8 +71,7 @@ class Suite:
 
     ``name``: short, unique within a run ("dic"); ``title``: the measured quantity and its truth; ``error_label``:
     axis label of the error, with its unit: "RMS error (px)"; ``notes``: data, truth, peers that are not installed;
-    ``time_label``: axis label of the time, if it is not that of one whole call; ``has_diagram``: false where only the
-    table makes sense.
+    ``time_label``: axis label of the time, if it is not that of one whole call.
     """
 
     name: str
@@ -82,7 +81,6 @@ class Suite:
     bounds: Sequence[Bound] = ()
     notes: Sequence[str] = ()
     time_label: str = "run time of a call (s)"
-    has_diagram: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +96,9 @@ class Timing:
     samples: tuple[float, ...]
     value: object
 
-    def ratio(self, reference: "Timing") -> tuple[float, float, float]:
-        """Return median, lowest and highest ratio of the time to that of another contender of one call, run by run."""
-        ratios = [a / b for a, b in zip(self.samples, reference.samples, strict=True)]
-        return median(ratios), min(ratios), max(ratios)
+
+Judge = Callable[[str, Any], tuple[float, Extra]]
+"""Takes a setting and its result; returns its error, and further columns."""
 
 
 def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget: float = math.inf) -> dict[str, Timing]:
@@ -117,8 +114,8 @@ def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget:
     Examples
     --------
     >>> timings = paired({"short": lambda: sum(range(10)), "long": lambda: sum(range(9999))}, 5)
-    >>> timings["long"].ratio(timings["short"])[0] > 1
-    True
+    >>> len(timings["long"].samples), timings["long"].value
+    (5, 49985001)
     """
     if repeats < 1:
         raise InputError(f"{repeats} repeats give no median; ask for one at least")
@@ -135,25 +132,18 @@ def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget:
 
 
 def race(
-    calls: Calls,
-    repeats: int,
-    judge: Callable[[str, Mapping[str, Timing]], tuple[float, Extra]],
-    default: str,
-    *,
-    budget: float = math.inf,
-    per: float = 1.0,
+    calls: Calls, repeats: int, judge: Judge, default: str, *, budget: float = math.inf, per: float = 1.0
 ) -> list[Point]:
     """Time contenders in turn, and return a point for each.
 
-    ``calls``: the contenders; ``repeats``, ``budget``: as of :func:`paired`; ``judge``: takes a setting
-    and all timings; returns its error, and further columns; ``default``: the setting that a user gets without asking;
-    ``per``: pieces of work in a call; the time is that of one.
+    ``calls``: the contenders; ``repeats``, ``budget``: as of :func:`paired`; ``default``: the setting that a user gets
+    without asking; ``per``: pieces of work in a call; the time is that of one.
     """
     timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget)
     points = []
     for name, (group, _) in calls.items():
-        error, extra = judge(name, timings)
         timing = timings[name]
+        error, extra = judge(name, timing.value)
         seconds, cold, is_default = timing.seconds / per, timing.cold_seconds, name == default
         points.append(Point(name, error, seconds, group, is_default, cold, extra, timing.samples))
     return points

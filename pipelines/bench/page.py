@@ -47,7 +47,6 @@ _EQUAL = (
 #: Okabe and Ito's colours; the markers distinguish the methods without them.
 _LOOKS = {OURS: ("#0066a6", "o"), THESIS: ("#cc4e00", "s")}
 _PEERS = (("#00795a", "^"), ("#8a3a6b", "D"), ("#8f6400", "v"), ("#2b2b2b", "P"), ("#7f97a8", "X"))
-_DASHES = ((5.0, 3.0), (2.0, 2.0), (8.0, 2.0, 2.0, 2.0), (1.0, 1.5))
 
 
 def as_document(
@@ -97,8 +96,7 @@ def _blocks(result: PartResult) -> Iterator[Block]:
 
 def drawable(suite: Suite) -> list[tuple[int, Point]]:
     """Return the points of a suite's diagram with their numbers in the table: those with an error and a run time."""
-    timed = [(n, p) for n, p in enumerate(suite.points, 1) if p.seconds > 0 and math.isfinite(p.error)]
-    return timed if suite.has_diagram else []
+    return [(n, p) for n, p in enumerate(suite.points, 1) if p.seconds > 0 and math.isfinite(p.error)]
 
 
 def draw(suite: Suite) -> bytes:
@@ -134,8 +132,8 @@ def draw(suite: Suite) -> bytes:
             )
             labels.add(label)
             axes.annotate(str(place), where, xytext=(5, 3), textcoords="offset points", fontsize=6.0)
-        for bound, dashes in zip(suite.bounds, _DASHES, strict=False):
-            axes.axhline(bound.error, color="#404040", linewidth=0.9, linestyle=(0.0, dashes), label=bound.label)
+        for bound, dashes in zip(suite.bounds, ("--", ":", "-."), strict=False):
+            axes.axhline(bound.error, color="#404040", linewidth=0.9, linestyle=dashes, label=bound.label)
         axes.margins(0.12, 0.15)
         figure.legend(loc="outside right upper")
         return figure_bytes(figure, "svg")

@@ -42,7 +42,8 @@ class KeyNumber:
     """A column of the session's page and of the catalogue; kinds that give the same title share it.
 
     It is the first finite value of ``variable`` in the result of ``stage``, in the SI ``unit``. The value of the
-    variable ``at`` there belongs to its title: stiffnesses at two frequencies are two quantities.
+    variable ``at`` there belongs to its title: stiffnesses at two frequencies are two quantities. Where the result
+    holds no value, the table says why: ``absent``.
     """
 
     title: str
@@ -50,6 +51,7 @@ class KeyNumber:
     stage: str
     variable: str
     at: str = ""
+    absent: str = "not found"
 
     def within(self, result: "xr.Dataset") -> tuple[str, float, float | None] | None:
         """Return title, number and, if known, standard uncertainty of the number that a result holds."""

@@ -13,62 +13,55 @@ from labpipe.arrays import Floats
 from labpipe.report import Role, line_arguments
 from labpipe.signals import nrmse
 from labpipe.units import Quantity
-from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
-
-_MODULUS, _YIELD_DEPTH = 3.2e9, 2.0e-5
-_DAMPING = (13_700.0, 16_800.0)
-"""Range of c_v in N s/m^1.5; the text does not say which height has which."""
-
-_FITTED_IMPACTS = 4
-_RTOL = 1e-6  # of each step of a motion; the fit takes differences of 1e-3
-_SHOWN = (-60.0, 250.0)  # ms
-_FIRST_BOUNCE = 1.7
-"""Until which multiple of the fall's time from first contact the first bounce lasts."""
+from pipelines.rig.apparatus import SPHERE, VIEWS
 
 
 @dataclass(frozen=True, slots=True)
 class _Law:
-    """One version of appendix A's law: its words, its look, its numbers."""
+    """One version of appendix A's law: its words, its look, its numbers; Pa, m, N s/m^1.5.
+
+    The damping is the mean of the printed range; the text does not say which height has which.
+    """
 
     words: str
     look: Role
     is_printed: bool = False
-    damping: float = float(np.mean(_DAMPING))
+    damping: float = 0.5 * (13_700.0 + 16_800.0)
     yield_depth: float = np.inf
-    modulus: float = _MODULUS
+    modulus: float = 3.2e9
 
     def run(self, height: float, duration: float, **asked: Any) -> xr.Dataset:
         """Follow a drop from a height [m] for a time [s] from the release."""
         return contact.collision(
-            SPHERE_RADIUS,
-            MASS,
+            SPHERE.radius,
+            SPHERE.mass,
             height,
             damping=self.damping,
             yield_depth=self.yield_depth,
             youngs_modulus=self.modulus,
             as_printed=self.is_printed,
             duration=duration,
-            rtol=_RTOL,
+            rtol=1e-6,  # the fit takes differences of 1e-3
             **asked,
         )
 
 
-_PRINTED = _Law("as printed", "residual", True, yield_depth=_YIELD_DEPTH)
+_PRINTED = _Law("as printed", "residual", True, yield_depth=2.0e-5)
 _ON_A_FLAT = _Law("sphere on a flat, no yield", "model")
 
 
-def collision_model(inputs: Inputs | None) -> Drawing:
-    """Figure A.1: the semi-empirical collision model, as printed and fitted to the drops."""
+def collision_model(inputs: Inputs | None, shown: tuple[float, float] = (-60.0, 250.0)) -> Drawing:
+    """Figure A.1: the semi-empirical collision model, as printed and fitted to the drops, over the times shown [ms]."""
     drops: dict[float, list[xr.Dataset]] = {}  # the repeats by height
     for name, settings in ({} if inputs is None else inputs.of_kind("ball_drop")).items():
         drops.setdefault(settings.height.value, []).append(inputs.result(name, "repeats"))  # type: ignore[union-attr]
     laws, said = _fitted(drops) if drops else ({}, "the same E and damping")
     notes: list[str] = []
     with panels(2, 4, width=2, aspect=0.58) as (figure, axes):
-        for column, height in enumerate(HEIGHTS):
-            for place, limits in zip(axes[:, column], (_SHOWN, (-1.2, 2.4)), strict=True):
+        for column, height in enumerate(SPHERE.heights):
+            for place, limits in zip(axes[:, column], (shown, (-1.2, 2.4)), strict=True):
                 place.set(xlim=limits, xlabel="time $t_c$ (ms)", ylabel="displacement (mm)")
                 place.yaxis.label.set_visible(column == 0)
             axes[0, column].set_ylim(-0.25 * height * 1e3, 1.1 * height * 1e3)  # down to where it sinks as printed
@@ -81,8 +74,8 @@ def collision_model(inputs: Inputs | None) -> Drawing:
                 curve = repeats["time"].values * 1e3, repeats["displacement_mean"].values * 1e3
                 for place in axes[:, column]:
                     place.plot(*curve, label=f"laser ({inputs.origin if inputs else ''})", **line_arguments("measured"))
-                bounce = _FIRST_BOUNCE * 1e3 * float(np.sqrt(2.0 * height / GRAVITY))
-                whole, first = (_agreement(runs[1][1], *curve, until) for until in (_SHOWN[1], bounce))
+                bounce = 1.7e3 * float(np.sqrt(2.0 * height / SPHERE.gravity))  # the fall twice, less what it loses
+                whole, first = (_agreement(runs[1][1], *curve, shown[0], until) for until in (shown[1], bounce))
                 notes.append(f"{height * 1e3:g} mm: nRMSE {whole:.1f} % over all, {first:.1f} % in the first bounce")
             _draw_run(axes[:, column], runs[1][1], law)
             deepest = [-1e3 * float(made["displacement"].min()) for _, made in runs]
@@ -109,47 +102,44 @@ def collision_model(inputs: Inputs | None) -> Drawing:
     )
 
 
-def _fitted(drops: Mapping[float, Sequence[xr.Dataset]]) -> tuple[dict[float, _Law], str]:
-    """Fit one E, and the damping of each height, to all restitutions and contact durations.
+def _fitted(drops: Mapping[float, Sequence[xr.Dataset]], impacts: int = 4) -> tuple[dict[float, _Law], str]:
+    """Fit one E, and the damping of each height, to the first restitutions and contact durations.
 
     Returned are the laws by height in m, and a note on them.
     """
     from scipy.optimize import least_squares
 
     def laws(parts: Floats) -> dict[float, _Law]:
-        common = replace(_ON_A_FLAT, words="fitted to the drops", modulus=float(parts[0]) * _MODULUS)
+        common = replace(_ON_A_FLAT, words="fitted to the drops", modulus=float(parts[0]) * _ON_A_FLAT.modulus)
         dampings = zip(drops, (parts[1:] * _ON_A_FLAT.damping).tolist(), strict=True)
         return {height: replace(common, damping=damping) for height, damping in dampings}
 
     def misses(parts: Floats) -> Floats:
-        return np.concatenate([_missed(law, height, drops[height]) for height, law in laws(parts).items()])
+        """Model minus measured restitution and relative duration; a missing impact counts as lost."""
+        found = []
+        for height, law in laws(parts).items():
+            fall = float(np.sqrt(2.0 * height / SPHERE.gravity))
+            made = law.run(height, 2.0 * (impacts + 0.5) * fall, impacts=impacts, time=[0.0])
+            for name, is_relative in (("restitution", False), ("contact_duration", True)):
+                ours = np.nan_to_num(np.pad(made[name].values, (0, impacts - made.sizes["impact"])))
+                for seen in drops[height]:
+                    values = seen[name].values[:impacts]
+                    found.append((ours[: values.size] - values) / (values if is_relative else 1.0))
+        return np.concatenate(found)
 
     found = least_squares(misses, np.ones(1 + len(drops)), bounds=(0.0, np.inf), diff_step=1e-3, xtol=1e-4, ftol=1e-4)
     best = laws(found.x)
     each = ", ".join(f"{law.damping:.0f} ({height * 1e3:g} mm)" for height, law in best.items())
     return best, (
-        f"E = {found.x[0] * _MODULUS / 1e9:.2f} GPa and c_v = {each} N s/m^1.5 by a fit to {found.fun.size // 2} "
-        f"restitutions and contact durations, left {np.sqrt(np.mean(found.fun**2)):.4f} rms"
+        f"E = {found.x[0] * _ON_A_FLAT.modulus / 1e9:.2f} GPa and c_v = {each} N s/m^1.5 by a fit to "
+        f"{found.fun.size // 2} restitutions and contact durations, left {np.sqrt(np.mean(found.fun**2)):.4f} rms"
     )
 
 
-def _missed(law: _Law, height: float, repeats: Sequence[xr.Dataset]) -> Floats:
-    """Return model minus measured restitution and relative duration (2 impacts,); a missing impact counts as lost."""
-    duration = 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))  # holds all that are fitted
-    made = law.run(height, duration, impacts=_FITTED_IMPACTS, time=[0.0])
-    found = []
-    for name, is_relative in (("restitution", False), ("contact_duration", True)):
-        ours = np.nan_to_num(np.pad(made[name].values, (0, _FITTED_IMPACTS - made.sizes["impact"])))
-        for seen in repeats:
-            values = seen[name].values[:_FITTED_IMPACTS]
-            found.append((ours[: values.size] - values) / (values if is_relative else 1.0))
-    return np.concatenate(found)
-
-
-def _agreement(made: xr.Dataset, since: Floats, moved: Floats, until: float) -> float:
-    """Return the nRMSE in % of a run against a curve in ms and mm, over the drawn part until a time in ms."""
+def _agreement(made: xr.Dataset, since: Floats, moved: Floats, begin: float, until: float) -> float:
+    """Return the nRMSE in % of a run against a curve in ms and mm, from one to another in ms."""
     time = (made["time"].values - float(made["impact_time"][0])) * 1e3
-    inside = (since >= _SHOWN[0]) & (since <= min(until, time[-1])) & np.isfinite(moved)
+    inside = (since >= begin) & (since <= min(until, time[-1])) & np.isfinite(moved)
     return 100 * nrmse(moved[inside], np.interp(since[inside], time, made["displacement"].values * 1e3))
 
 
@@ -165,8 +155,8 @@ def camera_table() -> Drawing:
     lines = [f"{head},least relative uncertainty (%),largest relative uncertainty (%)"]
     found = []
     for view, length, pixels, errors in (
-        ("front (DIC)", 30e-3, 386.0, (1.0, 2.0)),
-        ("under the disc", 1e-3, 461.0, (1.0, 1.0)),
+        ("front (DIC)", 30e-3, VIEWS.holder, (1.0, 2.0)),
+        ("under the disc", 1e-3, VIEWS.under, (1.0, 1.0)),
     ):
         sizes = [pixel_size(Quantity(length, 0.0, "m"), Quantity(pixels, u, "px")) for u in errors]
         size, (low, high) = sizes[0].value, (100 * one.u / one.value for one in sizes)

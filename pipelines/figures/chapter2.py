@@ -15,40 +15,29 @@ from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, decades, label_outside, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs, solid_or_library
+from pipelines.rig.apparatus import PUNCH
 
-TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
-DEPTH = TIPS * TIP_DEPTH
-CHARACTERISTIC_TIME = 1.56e-10
-"""tau_0 of eq. (2.38) in s."""
-FORCES = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
-"""Depth [m], peak and plateau force [N] of section 2.3.2."""
-
-_RAMP, _HOLD = 1e-3, 600.0
-_MEAN = 0.05 * TIP_RADIUS
-_AMPLITUDE = 0.005 * TIP_RADIUS
-_RTOL = 1e-3  # of a dot of figure 2.6; 1e-4 moves none by more than 0.1 %
-_LARGE_AMPLITUDES = (0.15, 0.175, 0.2)
-"""In radii, of figure 2.7: the printed one, and larger ones for a material that keeps contact with it."""
-_FRONT_FREQUENCIES = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)
+_PUNCH = PUNCH.radius, PUNCH.period, PUNCH.length
+_MEAN = 0.05 * PUNCH.radius
+_AMPLITUDE = 0.005 * PUNCH.radius
 
 
 def oscillation(mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int) -> tuple[Floats, Floats]:
     """Return times [s] and displacements [m] of ramp, rest and oscillation, the thesis's protocol."""
     # A ramp and a rest are straight lines; the simulator chooses its own steps on them.
-    begin = np.array([0.0, mean / _RAMP, mean / _RAMP + _HOLD])
+    begin = np.array([0.0, mean / PUNCH.speed, mean / PUNCH.speed + PUNCH.hold])
     phase = np.linspace(0.0, cycles, per_cycle * cycles + 1)[1:]
     swing = mean + amplitude * np.sin(2 * np.pi * phase)
     time = np.concatenate([begin, begin[-1] + phase / frequency])
     return time, np.concatenate([[0.0, mean, mean], swing])
 
 
-def _cycle(rubber: Prony, amplitude: float, frequency: float) -> tuple[float, float]:
+def _cycle(rubber: Prony, amplitude: float, frequency: float, samples: int = 80) -> tuple[float, float]:
     """Simulate two cycles: least force over mean force, and work dissipated in the second."""
-    samples = 80
     time, moved = oscillation(_MEAN, amplitude, frequency, 2, samples)
     made = contact.indent(
-        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="cosine", elements=256, rtol=_RTOL, outputs=("energy",)
-    )
+        rubber, *_PUNCH, time, moved, profile="cosine", elements=256, rtol=1e-3, outputs=("energy",)
+    )  # the tolerance 1e-4 moves no dot of figure 2.6 by more than 0.1 %
     force, lost = made["force"].values, made["dissipated_energy"].values
     rest = force[-2 * samples - 1]
     return float(force[-samples:].min() / rest), float(lost[-1] - lost[-samples - 1])
@@ -64,7 +53,7 @@ def simulated_front(rubber: Prony, frequency: float) -> float:
 
     The secant rule on the least force, from below: beyond the front it is zero and says nothing.
     """
-    scale = float(contact.tapping_amplitude(rubber, frequency, _MEAN, TIP_RADIUS, PERIOD))
+    scale = float(contact.tapping_amplitude(rubber, frequency, _MEAN, *_PUNCH[:2]))
     older, old = 1.0, 1.1
     before, now = (_cycle(rubber, k * scale, frequency)[0] for k in (older, old))
     for _ in range(2):
@@ -74,35 +63,35 @@ def simulated_front(rubber: Prony, frequency: float) -> float:
     return (old + now * (old - older) / (before - now)) * scale
 
 
-def dissipation_map(inputs: Inputs | None) -> Drawing:
-    """Figure 2.6: dissipated work over frequency and amplitude, with the detachment front."""
+def dissipation_map(inputs: Inputs | None, frequencies: tuple[float, ...] = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)) -> Drawing:
+    """Figure 2.6: dissipated work over frequency and amplitude, with the detachment front, simulated at some [Hz]."""
     rubber, origin, sweeps = solid_or_library(inputs, "nbr")
-    frequency, amplitude = decades(-2, 10, 20), TIP_RADIUS * decades(-4, -1, 60)
-    geometry = (_MEAN, TIP_RADIUS, PERIOD)
-    spots = np.array(_FRONT_FREQUENCIES)
+    frequency, amplitude = decades(-2, 10, 20), PUNCH.radius * decades(-4, -1, 60)
+    geometry = (_MEAN, *_PUNCH[:2])
+    spots = np.array(frequencies)
     found = np.array([simulated_front(rubber, f) for f in spots])
     analytic = contact.tapping_amplitude(rubber, spots, *geometry)
     simulated = [_cycle(rubber, _AMPLITUDE, f)[1] for f in spots]
-    x = frequency * CHARACTERISTIC_TIME
-    x_spots = spots * CHARACTERISTIC_TIME
+    x = frequency * PUNCH.tau_0
+    x_spots = spots * PUNCH.tau_0
 
     def scaled(joules: Any) -> Floats:
-        return dissipation.dimensionless_work(joules, rubber, TIP_RADIUS, PERIOD, DEPTH)
+        return dissipation.dimensionless_work(joules, rubber, *_PUNCH)
 
-    plane = (rubber, frequency, amplitude[:, None], *geometry, DEPTH)
+    plane = (rubber, frequency, amplitude[:, None], *geometry, PUNCH.length)
     decade = np.log10(scaled(contact.dissipated_work(*plane, beyond="nan")))
-    section = scaled(contact.dissipated_work(rubber, frequency, _AMPLITUDE, *geometry, DEPTH))
+    section = scaled(contact.dissipated_work(rubber, frequency, _AMPLITUDE, *geometry, PUNCH.length))
     front = contact.tapping_amplitude(rubber, frequency, *geometry)
     touching, points = front >= _AMPLITUDE, line_arguments("measured", style="points")
     look = line_arguments("reference") | {"color": "black"}
     with panels(1, 2, width=2, aspect=0.42) as (figure, axes):
         first, second = axes[0]
         levels = np.arange(np.floor(np.nanmin(decade)), np.ceil(np.nanmax(decade)) + 0.5, 0.5)
-        shown = first.contourf(x, amplitude / TIP_RADIUS, decade, levels=levels, cmap="cividis")
+        shown = first.contourf(x, amplitude / PUNCH.radius, decade, levels=levels, cmap="cividis")
         figure.colorbar(shown, ax=first, label="work $\\log_{10}\\tilde W$ (1)").outline.set_linewidth(0.6)
-        first.loglog(x, front / TIP_RADIUS, label="front, eq. (2.34)", **line_arguments("model"))
-        first.loglog(x_spots, found / TIP_RADIUS, label="front, simulated", **points)
-        limits = (amplitude[0] / TIP_RADIUS, amplitude[-1] / TIP_RADIUS)
+        first.loglog(x, front / PUNCH.radius, label="front, eq. (2.34)", **line_arguments("model"))
+        first.loglog(x_spots, found / PUNCH.radius, label="front, simulated", **points)
+        limits = (amplitude[0] / PUNCH.radius, amplitude[-1] / PUNCH.radius)
         first.set(ylabel="amplitude $\\tilde\\alpha = \\alpha/R$ (1)", ylim=limits)
         first.grid(visible=False)
         second.loglog(x[touching], section[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"}))
@@ -118,7 +107,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
     return Drawing(
         "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and amplitude at mean indentation "
         "0.05 R; white: the indenter leaves the surface. (b) The same at amplitude 0.005 R; dashed: beyond the front, "
-        f"where (2.31) extrapolates. R = 2 mm, period 8 mm, depth 18 mm, tau_0 = {CHARACTERISTIC_TIME:.3g} s; work "
+        f"where (2.31) extrapolates. R = 2 mm, period 8 mm, depth 18 mm, tau_0 = {PUNCH.tau_0:.3g} s; work "
         "over E_relaxed times period times R times depth.",
         figure,
         computed=(
@@ -136,23 +125,24 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
     )
 
 
-def tapping_cycle(inputs: Inputs | None) -> Drawing:
-    """Figure 2.7: pressure and surface over one cycle of a large oscillation, and the lag of force and displacement."""
+def tapping_cycle(inputs: Inputs | None, amplitudes: tuple[float, ...] = (0.15, 0.175, 0.2)) -> Drawing:
+    """Figure 2.7: pressure and surface over one cycle of a large oscillation, and the lag of force and displacement.
+
+    Of the amplitudes (in radii), the printed one and larger ones, the first counts with which contact is lost.
+    """
     rubber, origin, sweeps = solid_or_library(inputs, "nbr")
     samples, frequency, kept = 80, 2.0, ""
-    for amplitude in _LARGE_AMPLITUDES:
-        time, moved = oscillation(0.25 * TIP_RADIUS, amplitude * TIP_RADIUS, frequency, 3, samples)
-        made = contact.indent(
-            rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512, outputs=("pressure", "surface")
-        )
+    for amplitude in amplitudes:
+        time, moved = oscillation(0.25 * PUNCH.radius, amplitude * PUNCH.radius, frequency, 3, samples)
+        made = contact.indent(rubber, *_PUNCH, time, moved, "circle", elements=512, outputs=("pressure", "surface"))
         last = made.isel(time=slice(-samples - 1, None))
         force, depth = last["force"].values, last["displacement"].values
         if force.min() == 0.0:
             break
         kept += f"At amplitude {amplitude:g} R this material keeps contact, with {force.min():.2f} N at least. "
     x = made["x"].values
-    near = np.abs(x) < 0.95 * TIP_RADIUS
-    tip = TIP_RADIUS - np.sqrt(TIP_RADIUS**2 - x[near] ** 2)
+    near = np.abs(x) < 0.95 * PUNCH.radius
+    tip = PUNCH.radius - np.sqrt(PUNCH.radius**2 - x[near] ** 2)
     with panels(3, 4, width=2, aspect=0.72, height_ratios=(1.0, 1.0, 0.8)) as (figure, axes):
         over_time = figure.add_subplot(axes[2, 0].get_gridspec()[2, :])
         for unused in axes[2]:
@@ -172,7 +162,7 @@ def tapping_cycle(inputs: Inputs | None) -> Drawing:
             letter(place, "abcdefgh"[number], f"$t/T$ = {number}/8, {is_lost}")
         label_outside(axes[:2], "position $x$ (mm)", "pressure (MPa)")
         legend_above(figure, [place, other])
-        lead = _lag_panel(over_time, force, depth / TIP_RADIUS)
+        lead = _lag_panel(over_time, force, depth / PUNCH.radius)
     return Drawing(
         "(a) to (h) Contact pressure and height of surface and indenter, upwards positive and from the mean surface, "
         f"at eight moments of the third cycle; mean indentation 0.25 R, amplitude {amplitude:g} R, 2 Hz. (i) Force and "

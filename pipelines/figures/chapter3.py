@@ -9,23 +9,21 @@ from labpipe import contact
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, letter, panels
 from pipelines.figures.inputs import Inputs, solid_or_library
-
-SPHERE_RADIUS, MASS, GRAVITY = 9.525e-3, 0.505, 9.81
-HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
-
-_DURATION = 3.2  # s from the release, until the sphere has come to rest
-_AFTER_LIFT_OFF = 1e-4  # s
+from pipelines.rig.apparatus import SPHERE
 
 
-def reduced_gap(inputs: Inputs | None) -> Drawing:
-    """Figure 3.3: reduced gap and contact radius of a drop to rest, with the symbols explained."""
-    (solid, origin, sweeps), height = solid_or_library(inputs, "acrylic"), HEIGHTS[0]
-    made = contact.drop(solid, SPHERE_RADIUS, MASS, height, _DURATION)
+def reduced_gap(inputs: Inputs | None, duration: float = 3.2, after: float = 1e-4) -> Drawing:
+    """Figure 3.3: reduced gap and contact radius of a drop to rest, with the symbols explained.
+
+    The drop is followed for ``duration`` s from the release; the caption states the dent that is left ``after`` s.
+    """
+    (solid, origin, sweeps), height = solid_or_library(inputs, "acrylic"), SPHERE.heights[0]
+    made = contact.drop(solid, SPHERE.radius, SPHERE.mass, height, duration)
     first = float(made["impact_time"][0])
     t = (made["time"].values - first) * 1e3
     until = 1.2e3 * (float(made["rest_time"]) - first)
     limits = (-0.05 * until, until) if np.isfinite(until) else (t[0], t[-1])
-    rest = float(np.cbrt(0.75 * MASS * GRAVITY * SPHERE_RADIUS * (1 - 0.35**2) / 3.2e9))
+    rest = float(np.cbrt(0.75 * SPHERE.mass * SPHERE.gravity * SPHERE.radius * (1 - 0.35**2) / 3.2e9))
     with panels(2, 2, width=2, aspect=0.52, width_ratios=(2.0, 1.0)) as (figure, axes):
         gap, radius, sketch, near = axes[0, 0], axes[1, 0], axes[0, 1], axes[1, 1]
         under = made["displacement"].values * 1e3
@@ -56,7 +54,7 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
         _sketch(sketch)
         letter(sketch, "b")
     dents = (made["reduced_gap"] + made["approach"]).values
-    left = np.interp(made["lift_off_time"].values[0] + _AFTER_LIFT_OFF, made["time"].values, dents)
+    left = np.interp(made["lift_off_time"].values[0] + after, made["time"].values, dents)
     return Drawing(
         "(a) Reduced gap at the centre and contact radius of an acrylic sphere dropped from 1.5 mm, to rest; I, II, "
         "III are the impacts that are analysed, each shown over t_p = 0 at its largest contact radius (below right). "

@@ -31,8 +31,8 @@ from labpipe.contact import contact_stiffness
 from labpipe.contact.line import westergaard
 from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
-from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, FORCES, PERIOD, TIP_RADIUS, least_force
-from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
+from pipelines.figures.chapter2 import least_force
+from pipelines.rig.apparatus import PUNCH, SPHERE, VIEWS
 
 Verdict = Literal[
     "agrees",
@@ -47,11 +47,7 @@ _CONTRADICTS: Verdict = "inconsistent"
 _UNAVAILABLE: Verdict = "depends on unavailable data"
 _NONLINEAR: Verdict = "inconsistent with linear viscoelasticity"
 
-_RELAXED_CONTACT_MODULUS = 10.14e6
-"""Pa; the one modulus that gives the three plateaus of section 2.3.2."""
-
-_ABOVE_THE_FRONT = 1e2  # Hz
-_INDENTATIONS, _PEAKS, _PLATEAUS = zip(*FORCES, strict=True)
+_INDENTATIONS, _PEAKS, _PLATEAUS = zip(*PUNCH.forces, strict=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +124,7 @@ def _conventions() -> Iterator[Row]:
     printed = abs(np.exp(1j * angle[0] + np.angle(modulus)))
     why = "brackets are missing: exp(i (omega t + delta)); as printed the amplitude grows with the phase"
     yield Row("1.15", "amplitude of the stress over |G*| epsilon_0", float(printed), float(found), "1", 1e-3, why)
-    yield _entropy(solid)
-    yield _shifts(solid)
-    yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
-
-
-def _entropy(solid: materials.Prony) -> Row:
-    """Compare (1.17) with (1.22) for an ideal rubber, whose stored energy is -theta times its entropy."""
+    # (1.17) with (1.22) for an ideal rubber, whose stored energy is -theta times its entropy
     time = np.linspace(0.0, 4.0, 4001)
     made = materials.respond(solid, time, np.minimum(time, 1.0))
     work = float(np.trapezoid(made["stress"], made["strain"]))
@@ -142,35 +132,35 @@ def _entropy(solid: materials.Prony) -> Row:
     left, lost = work - stored - heat, float(made["dissipated_energy"][-1])  # of (1.16): all but the term of (1.17)
     why = "the dot belongs to the entropy, rho theta ds/dt: as printed (1.22) does not follow at constant temperature"
     name = "dissipation by (1.16), (1.17) over (1.22), rubber"
-    return Row("1.17", name, left / lost, (left + heat) / lost, "1", 1e-3, why)
-
-
-def _shifts(solid: materials.Prony) -> Row:
-    """Return the signs that log a_T of a warmer, softer solid has as factor of time and of frequency."""
+    yield Row("1.17", name, left / lost, (left + heat) / lost, "1", 1e-3, why)
+    # log a_T of a warmer, softer solid as factor of time and of frequency
     warm, decades = solid.shifted(10.0 ** float(materials.wlf(15.0, 250.0, 20.0).log10_aT(30.0))), (-6.0, 6.0)
     of_time = brentq(lambda x: float(solid.relaxation(10.0**x) - warm.relaxation(1.0)), *decades)
     of_frequency = brentq(lambda x: (solid.complex_modulus(10.0**x) - warm.complex_modulus(1.0)).real, *decades)
     why = "(1.26) multiplies the time by a, (2.35) the frequency; of a material that softens one rises, one falls"
     name, signs = "sign of d log a_T / d T by both", np.sign([of_time, of_frequency])
-    return Row("1.26, 2.35", name, float(signs[0]), float(signs[1]), "1", 0, why, _CONTRADICTS)
+    yield Row("1.26, 2.35", name, float(signs[0]), float(signs[1]), "1", 0, why, _CONTRADICTS)
+    yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
 
 
 def _indenter() -> Iterator[Row]:
     for depth, printed in zip(_INDENTATIONS, (0.05, 0.10, 0.15), strict=True):
-        found = depth / TIP_RADIUS
+        found = depth / PUNCH.radius
         yield Row("2.4", f"Delta/R at {depth * 1e3:g} mm", printed, found, "1", 1e-9)
     for frequency, figure, printed in ((0.5, "2.5", 0.78e-10), (2.0, "2.7", 3.12e-10)):
-        found = frequency * CHARACTERISTIC_TIME
+        found = frequency * PUNCH.tau_0
         yield Row(figure, f"f tau_0 at {frequency:g} Hz", printed, found, "1", 5e-13)
     why = "the frequency f tau_0 is printed as an amplitude"
     yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3, why)
-    yield Row("2.1", "width that three tips of R = 2 mm span", 20.0, (2 * PERIOD + 2 * TIP_RADIUS) * 1e3, "mm", 0.5)
+    yield Row(
+        "2.1", "width that three tips of R = 2 mm span", 20.0, (2 * PUNCH.period + 2 * PUNCH.radius) * 1e3, "mm", 0.5
+    )
     times = materials.load("nbr").creep_terms()[1]
     why, set_by = (
         "the DMA spectrum; ours is one term per decade",
         "the library's terms were laid over the printed range",
     )
-    own = (CHARACTERISTIC_TIME, float(times[0]), "s", 5e-13, why, _UNAVAILABLE, set_by)
+    own = (PUNCH.tau_0, float(times[0]), "s", 5e-13, why, _UNAVAILABLE, set_by)
     yield Row("2.38", "shortest retardation time of nbr", *own)
     for word, printed, ours in (("shortest", -10.0, times.min()), ("longest", 2.0, times.max())):
         # "Approximately" a power of ten: half a decade either way.
@@ -178,11 +168,12 @@ def _indenter() -> Iterator[Row]:
         yield Row("2.3.1", name, printed, found, "1", 0.5, why, _UNAVAILABLE, set_by)
 
 
-def _plateaus() -> Iterator[Row]:
+def _plateaus(modulus: float = 10.14e6) -> Iterator[Row]:
+    """Return the plateaus of section 2.3.2 by the one relaxed contact modulus [Pa] that gives all three."""
     set_by = "the one modulus 10.14 MPa was fitted to the three plateaus; what agrees is their ratios"
     for depth, printed in zip(_INDENTATIONS, _PLATEAUS, strict=True):
-        state = westergaard.from_displacement(depth, TIP_RADIUS, PERIOD, _RELAXED_CONTACT_MODULUS, "cosine")
-        name, found = f"plateau force at {depth * 1e3:g} mm", float(state.force) * DEPTH
+        state = westergaard.from_displacement(depth, PUNCH.radius, PUNCH.period, modulus, "cosine")
+        name, found = f"plateau force at {depth * 1e3:g} mm", float(state.force) * PUNCH.length
         # One modulus for three plateaus; 3 % covers the tips' shape and the force's calibration.
         yield Row("2.3.2", name, printed, found, "N", 0.03 * printed, set_by=set_by)
 
@@ -195,7 +186,7 @@ def left_of_terms(rho: Floats) -> Floats:
     left = []
     for depth in _INDENTATIONS:
         t = np.linspace(0.0, depth / 1e-3, 4001)
-        force = np.asarray(westergaard.from_displacement(t * 1e-3, TIP_RADIUS, PERIOD, 1.0, "cosine").force)
+        force = np.asarray(westergaard.from_displacement(t * 1e-3, PUNCH.radius, PUNCH.period, 1.0, "cosine").force)
         remaining = np.exp(-(t[-1] - 0.5 * (t[1:] + t[:-1]))[:, None] / rho)
         left.append(np.diff(force) @ remaining / force[-1])
     return np.array(left)
@@ -216,7 +207,7 @@ def _peaks() -> Iterator[Row]:
     depth = _INDENTATIONS[0]
     time = depth / 1e-3 + np.array([-depth / 1e-3, 0.0, 200.0, 600.0])
     rubber, moved = materials.load("nbr"), np.array([0.0, depth, depth, depth])
-    made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512)
+    made = contact.indent(rubber, PUNCH.radius, PUNCH.period, PUNCH.length, time, moved, "circle", elements=512)
     kept = float(made["force"][2] / made["force"][3])
     yield Row("2.3.2", "force after 200 s over that after 600 s, 'stable'", 1.0, kept, "1", 0.03)
     excess = tuple(peak / plateau - 1.0 for peak, plateau in zip(_PEAKS, _PLATEAUS, strict=True))
@@ -231,13 +222,13 @@ def _peaks() -> Iterator[Row]:
 
 def _tapping() -> Iterator[Row]:
     rubber = materials.load("nbr")
-    mean = 0.05 * TIP_RADIUS
-    slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, TIP_RADIUS, PERIOD)
+    mean = 0.05 * PUNCH.radius
+    slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, PUNCH.radius, PUNCH.period)
     sign, why = float(np.sign(fast - slow)), "|E| in (2.34) rises with frequency, so the critical amplitude falls"
     yield Row("2.34 text", "sign of d alpha / d frequency", 1, sign, "1", 0, why, _CONTRADICTS)
     why = "white is above the front, and the caption calls white the detachment region; simulated, the force ends there"
-    frequency = _ABOVE_THE_FRONT
-    beyond = 2.0 * float(contact.tapping_amplitude(rubber, frequency, mean, TIP_RADIUS, PERIOD))
+    frequency = 1e2  # Hz, above the front
+    beyond = 2.0 * float(contact.tapping_amplitude(rubber, frequency, mean, PUNCH.radius, PUNCH.period))
     least = least_force(rubber, beyond, frequency)
     name = "is contact continuous above the front? (1 yes)"
     yield Row("2.3.3", name, 1, float(least > 0.0), "1", 0, why, _CONTRADICTS)
@@ -247,21 +238,21 @@ def _tapping() -> Iterator[Row]:
 
 
 def _impacts() -> Iterator[Row]:
-    for height, printed in zip(HEIGHTS, (0.1715, 0.3132, 0.3706, 0.4429), strict=True):
-        speed = float(hertz.drop_speed(height, GRAVITY))
+    for height, printed in zip(SPHERE.heights, (0.1715, 0.3132, 0.3706, 0.4429), strict=True):
+        speed = float(hertz.drop_speed(height, SPHERE.gravity))
         yield Row("reference", f"impact speed from {height * 1e3:g} mm", printed, speed, "m/s", 1e-4)
-    ptfe = contact.drop(materials.load("ptfe"), SPHERE_RADIUS, MASS, 7e-3, 0.3)
+    ptfe = contact.drop(materials.load("ptfe"), SPHERE.radius, SPHERE.mass, 7e-3, 0.3)
     yield Row("3.3.2", "first contact of PTFE from 7 mm", 0.04, float(ptfe["impact_time"][0]), "s", 5e-3)
     over, why = float(ptfe["final_contact_time"]), "the library's ptfe was given the loss for it"
     yield Row("3.3.2", "last lift-off is over, PTFE from 7 mm", 0.15, over, "s", 0.01, set_by=why)
     rest, why = -7.0 + float(ptfe["displacement"][-1]) * 1e3, "the recording: zero of the laser, permanent set of PTFE"
     yield Row("3.3.2", "position at rest, PTFE from 7 mm", -7.1, rest, "mm", 0.05, why, _UNAVAILABLE)
-    acrylic = contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.03)
+    acrylic = contact.drop(materials.load("acrylic"), SPHERE.radius, SPHERE.mass, SPHERE.heights[0], 0.03)
     yield Row("3.3.3", "duration of an impact, 'about 10^-3 s'", 1e-3, float(acrylic["contact_duration"][0]), "s", 5e-4)
     modulus = 3.2e9 / (1 - 0.35**2)
-    load = hertz.static_load(MASS * GRAVITY, SPHERE_RADIUS, modulus)
+    load = hertz.static_load(SPHERE.mass * SPHERE.gravity, SPHERE.radius, modulus)
     yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213, float(load.contact_radius) * 1e3, "mm", 5e-4)
-    fall = (materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5)
+    fall = (materials.load("acrylic"), SPHERE.radius, SPHERE.mass, SPHERE.heights[0], 0.5)
     coarse = contact.drop(*fall, solver="thesis", ring_width=4e-5, time_step=2e-4)
     bounces = coarse.sizes["impact"] / contact.drop(*fall).sizes["impact"]
     why = "a contact of 1 ms has five such steps; the thesis's scheme agrees with the solution at steps of some us"
@@ -271,21 +262,21 @@ def _impacts() -> Iterator[Row]:
         ratio = float(first["peak_force"][0] / acrylic["peak_force"][0])
         text = f"peak force by lambda = 40 um, dt = {name}"
         yield Row("3.3.3", text, 1.0, ratio, "1", 0.01, why, _CONTRADICTS)
-    elastic = hertz.impact(sqrt(2 * GRAVITY * HEIGHTS[0]), SPHERE_RADIUS, MASS, modulus)
+    elastic = hertz.impact(sqrt(2 * SPHERE.gravity * SPHERE.heights[0]), SPHERE.radius, SPHERE.mass, modulus)
     # Hertz's peak pressure at the yield depth of 20 um is 1.6 times the yield stress
-    stress = float(hertz.static_approach(20e-6, SPHERE_RADIUS, modulus).peak_pressure) / 1.6
+    stress = float(hertz.static_approach(20e-6, SPHERE.radius, modulus).peak_pressure) / 1.6
     why = "no unit is printed; by Hertz the yield depth of 20 um belongs to this stress: the range is a yield strain"
     yield Row("A.1 text", "'yield stress range of 0.02-0.04', as a stress", 0.03, stress, "Pa", 0.01, why)
     yield Row("A.1 text", "the same range as a strain, yield stress over E", 0.03, stress / 3.2e9, "1", 0.01)
     yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0, float(elastic.peak_approach) * 1e6, "um", 0.5)
     yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)
-    sphere = 1180 * 4 / 3 * pi * SPHERE_RADIUS**3
+    sphere = 1180 * 4 / 3 * pi * SPHERE.radius**3
     why = "weighing; one value for four spheres, 0.15 % of all"
     yield Row("3.9 text", "mass of the sphere, acrylic 1180 kg/m3", 5.0, sphere * 1e3, "g", 0.5, why, _UNAVAILABLE)
 
 
 def _loads() -> Iterator[Row]:
-    load = MASS
+    load = SPHERE.mass
     yield Row("3.3.4", "load 1, holder and sphere", 0.5, load, "kg", 0.05)
     for number, (added, printed) in enumerate(zip((2.0, 1.0, 1.0, 1.0), (2.5, 3.5, 4.5, 5.5), strict=True), start=2):
         load += added
@@ -302,7 +293,7 @@ def _size(length: float, pixels: float, u_pixels: float) -> Quantity:
 
 
 def _cameras() -> Iterator[Row]:
-    front, disc = _size(30e-3, 386, 1), _size(1e-3, 461, 1)
+    front, disc = _size(30e-3, VIEWS.holder, 1), _size(1e-3, VIEWS.under, 1)
     yield Row("D.2", "front camera, in mm", 0.07772, front.value * 1e3, "mm/px", 5e-6)
     yield Row("D.2", "front camera, in um", 77.7, front.value * 1e6, "um/px", 0.05)
     yield Row("3.8 caption", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
@@ -311,7 +302,7 @@ def _cameras() -> Iterator[Row]:
     why = "printed in mm; 1 mm = 461 px gives 2.17 um"
     yield Row("3.14 caption", "camera under the disc", 2.17, disc.value * 1e3, "mm/px", 5e-3, why)
     for u_pixels, printed in ((1, 0.3), (2, 0.5)):
-        size = _size(30e-3, 386, u_pixels)
+        size = _size(30e-3, VIEWS.holder, u_pixels)
         name, share = f"uncertainty of the front camera, {u_pixels} px", 100 * size.u / size.value
         yield Row("table D.1", name, printed, share, "%", 0.05)
     yield Row("table D.1", "uncertainty of the disc camera, 1 px", 0.2, 100 * disc.u / disc.value, "%", 0.05)

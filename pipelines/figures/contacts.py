@@ -14,15 +14,9 @@ from pipelines.figures.drawing import Drawing, label_outside, legend_above, lett
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of, with_u
 
 _IMPACTS = 3
-_MOST_HEIGHTS = 4
-_SHOWN_RADIUS = 1250.0  # µm on either side of the centre that a frame shows
-_LEAST_SHARE = 0.12  # height over width that is laid out for a frame at least
-
-_BEFORE = 25.0  # ms before first contact that are shown
 _RADIUS: dict[str, Any] = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
 _SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
 _LETTERS = "abcd"
-_AROUND_PEAK = 0.8  # ms on either side of the largest radius in which the model is drawn
 
 
 def _first_contact(inputs: Inputs, film: str) -> float:
@@ -46,15 +40,17 @@ def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
     return pairs
 
 
-def _draw_both(inputs: Inputs, place: Any, pair: tuple[str, str, float], end: float, *, is_named: bool = True) -> Any:
-    """Draw displacement and, on the right axis, contact radius of one height until ``end`` ms; return that axis."""
+def _draw_both(
+    inputs: Inputs, place: Any, pair: tuple[str, str, float], end: float, *, begin: float = -25.0, is_named: bool = True
+) -> Any:
+    """Draw displacement and, on the right axis, contact radius of one height over some ms; return that axis."""
     drop, film, _ = pair
     repeats, seen = inputs.result(drop, "repeats"), inputs.result(film, "radius")
     t = repeats["time"].values * 1e3
-    inside = (t >= -_BEFORE) & (t <= end)
+    inside = (t >= begin) & (t <= end)
     moved, label = repeats["displacement_mean"].values[inside] * 1e3, f"displacement, laser, {inputs.origin}"
     place.plot(t[inside], moved, label=label, **(line_arguments("measured") | {"linewidth": 0.9}))
-    place.set(xlabel="time $t_c$ (ms)", ylabel="displacement (mm)", xlim=(-_BEFORE, end))
+    place.set(xlabel="time $t_c$ (ms)", ylabel="displacement (mm)", xlim=(begin, end))
     other = right_axis(place, "contact radius (µm)", is_named=is_named)
     time, a = (seen["time"].values - _first_contact(inputs, film)) * 1e3, seen["radius"].values * 1e6
     shown = seen["in_contact"].values.astype(bool) & np.isfinite(a)
@@ -106,7 +102,7 @@ def phases(inputs: Inputs) -> Drawing:
 
 def four_heights(inputs: Inputs) -> Drawing:
     """Figure C.1: displacement and contact radius at each drop height."""
-    pairs = _pairs(inputs)[:_MOST_HEIGHTS]
+    pairs = _pairs(inputs)[:4]
     top = 1.15e6 * max(float(np.nanmax(inputs.result(film, "radius")["radius"])) for _, film, _ in pairs)
     rows = (len(pairs) + 1) // 2
     with panels(rows, min(2, len(pairs)), width=2, aspect=0.3 * rows) as (figure, axes):
@@ -174,14 +170,14 @@ def _key_at(keys: Any, time: float) -> int:
     return int(np.argmin(np.abs(keys["key_time"].values - time)))
 
 
-def _shown_share(keys: Any, size: float) -> float:
-    """Return height over width of the shown part of a frame."""
+def _shown_share(keys: Any, size: float, reach: float = 1250.0) -> float:
+    """Return height over width of the part of a frame that is shown, ``reach`` µm on either side of the centre."""
     rows, columns = keys["image"].shape[-2:]
     scale = size * float(keys["reduction"])
-    return rows * scale / min(columns * scale, 2 * _SHOWN_RADIUS)
+    return rows * scale / min(columns * scale, 2 * reach)
 
 
-def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: float) -> None:
+def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: float, reach: float = 1250.0) -> None:
     """Draw one frame around the fitted centre, in µm, with the model's circle where there is one."""
     x, y = (float(at[f"circle_{axis}"]) for axis in "xy")
     rows, columns = at["image"].shape
@@ -195,7 +191,7 @@ def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: flo
     place.add_patch(
         Circle((0, 0), fitted, fill=False, edgecolor="#56c8ff", linewidth=1.1, linestyle=(0, (4, 3)), label="fit")
     )
-    place.set(xlim=(max(left, -_SHOWN_RADIUS), min(right, _SHOWN_RADIUS)), ylim=(-high, -low))
+    place.set(xlim=(max(left, -reach), min(right, reach)), ylim=(-high, -low))
     place.grid(visible=False)
 
 
@@ -204,8 +200,8 @@ def heated(inputs: Inputs) -> Drawing:
     pair = _temperatures(inputs)
     looks = ({"color": "#0066a6", "marker": "o"}, {"color": "#cc2a1e", "marker": "s"})
     sizes = [float(inputs.result(name, "radius")["pixel_size"]) * 1e6 for name, _ in pair]
-    share = _shown_share(inputs.result(pair[0][0], "keys"), sizes[0])
-    ratios = (1.0, max(share, _LEAST_SHARE), max(share, _LEAST_SHARE))
+    share = max(_shown_share(inputs.result(pair[0][0], "keys"), sizes[0]), 0.12)
+    ratios = (1.0, share, share)
     with panels(3, _IMPACTS + 1, width=2, aspect=0.14 + 0.25 * sum(ratios), height_ratios=ratios) as (figure, axes):
         rise = _rises(inputs, pair[0][0])
         for row, (look, size, (name, label)) in enumerate(zip(looks, sizes, pair, strict=True), start=1):
@@ -258,9 +254,16 @@ def heated(inputs: Inputs) -> Drawing:
 
 
 def _heated_impact(
-    place: Any, inputs: Inputs, name: str, label: str, number: int, rise: float, look: dict[str, str]
+    place: Any,
+    inputs: Inputs,
+    name: str,
+    label: str,
+    number: int,
+    rise: float,
+    look: dict[str, str],
+    reach: float = 0.8,
 ) -> None:
-    """Draw one impact of one film and its model over the time from touch less ``rise`` [s]."""
+    """Draw one impact of one film and its model over the time from touch less ``rise`` [s], within ``reach`` ms."""
     made, model = inputs.result(name, "comparison"), inputs.result(name, "model")
     inside = made["impact_number"].values == number + 1
     late = float(_rises(inputs, name)[number]) - rise
@@ -269,7 +272,7 @@ def _heated_impact(
     place.errorbar(seen * 1e3, a, 2 * u, label=f"film, {label}", markersize=2.6, linestyle="none", capsize=1.5, **look)
     since, radius = _around_peak(model, float(made["model_peak_time"][number]))
     place.plot(since + late * 1e3, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
-    place.set(xlim=(-_AROUND_PEAK, _AROUND_PEAK), ylim=(0, None))
+    place.set(xlim=(-reach, reach), ylim=(0, None))
 
 
 def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
@@ -305,7 +308,7 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> list[tuple[str, flo
 
 def contact_radius(inputs: Inputs) -> Drawing:
     """Figure 3.15: contact radius of the first impacts at each height, film and model."""
-    chosen = dict(list(inputs.of_kind("contact_area").items())[:_MOST_HEIGHTS])
+    chosen = inputs.of_kind("contact_area", most=4)
     notes = []
     shape: dict[str, Any] = {"aspect": 0.1 + 0.26 * len(chosen), "sharex": "all", "sharey": "row"}
     with panels(len(chosen), _IMPACTS, width=2, **shape) as (figure, axes):
@@ -333,9 +336,9 @@ def contact_radius(inputs: Inputs) -> Drawing:
     )
 
 
-def _around_peak(model: Any, peak: float) -> tuple[Floats, Floats]:
-    """Return the simulated contact around one largest radius at ``peak`` s: time in ms, radius in µm."""
+def _around_peak(model: Any, peak: float, reach: float = 0.8) -> tuple[Floats, Floats]:
+    """Return the simulated contact within ``reach`` ms of a largest radius at ``peak`` s: time in ms, radius in µm."""
     since = (model["time"].values - peak) * 1e3
-    shown = np.abs(since) <= _AROUND_PEAK
+    shown = np.abs(since) <= reach
     radius = model["contact_radius"].values[shown] * 1e6
     return since[shown], np.where(radius > 0, radius, np.nan)

@@ -47,10 +47,10 @@ class Inputs:
             fitted = self.result(referred(body.material_from), "master_curve")
         return resolve(body, file, fitted)
 
-    def of_kind(self, kind: str) -> dict[str, Any]:
-        """Return the experiments of one kind, from the lowest height."""
+    def of_kind(self, kind: str, most: int | None = None) -> dict[str, Any]:
+        """Return the experiments of one kind, from the lowest height, at most so many."""
         found = {n: s for n, s in self.experiments.items() if s.kind == kind}
-        return dict(sorted(found.items(), key=lambda item: item[1].height.value))
+        return dict(sorted(found.items(), key=lambda item: item[1].height.value)[:most])
 
     @property
     def origin(self) -> str:
@@ -97,19 +97,16 @@ def referred(text: str) -> str:
 
 
 def matching(session: Session | None, need: Need) -> dict[str, Experiment]:
-    """Return the experiments of a session that fit, in the session's order."""
-    experiments = {} if session is None else session.without_variants().experiments
-    return {name: e for name, e in experiments.items() if e.kind == need.kind and _fits(need, name, e.settings)}
-
-
-def _fits(need: Need, name: str, settings: Any) -> bool:
-    """Return whether an experiment has the temperature and the material; without a material its name counts."""
-    if is_heated(settings) != need.heated:
-        return False
-    holders = (settings, *(getattr(settings, body, None) for body in ("sphere", "substrate", "sample", "specimen")))
-    found = [getattr(h, key, None) for h in holders for key in ("material", "material_from", "material_file")]
-    words = " ".join(text for text in found if isinstance(text, str)) or name
-    return need.material is None or need.material in re.split(r"[^a-z]+", words.lower())
+    """Return the experiments of a session that fit, in the session's order; without a material their name counts."""
+    found: dict[str, Experiment] = {}
+    for name, one in ({} if session is None else session.without_variants().experiments).items():
+        settings = one.settings
+        holders = (settings, *(getattr(settings, body, None) for body in ("sphere", "substrate", "sample", "specimen")))
+        said = [getattr(h, key, None) for h in holders for key in ("material", "material_from", "material_file")]
+        words = re.split(r"[^a-z]+", (" ".join(text for text in said if isinstance(text, str)) or name).lower())
+        if one.kind == need.kind and is_heated(settings) == need.heated and need.material in (None, *words):
+            found[name] = one
+    return found
 
 
 def temperature_of(settings: Any) -> float | None:

@@ -256,6 +256,6 @@ def draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
     if not figure.needs:
         return function(*figure.arguments)
     if shelf.session is None or shelf.plan is None or not names:
-        return function(None)
+        return function(None, *figure.arguments)
     experiments = {n: shelf.session.experiments[n].settings for n in names}
     return function(Inputs(shelf.plan, experiments), *figure.arguments)

@@ -12,14 +12,11 @@ from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import Role, line_arguments
 from pipelines.experiments.shared import mach1_readings
-from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
+from pipelines.rig.apparatus import PUNCH
 
-_SHOWN_CYCLES = 3
-_PRINTED_FREQUENCY = 0.5  # Hz, of panel (a)
-_DRAWN_POINTS = 24  # of a simulated loop
-_AXIS = CHARACTERISTIC_TIME * 1e10
+_AXIS = PUNCH.tau_0 * 1e10
 """From Hz to f tau_0 in units of 1e-10, which makes short tick labels."""
 
 
@@ -29,8 +26,8 @@ def _first(inputs: Inputs) -> tuple[str, Any, Prony]:
     return name, settings, inputs.solid_of(settings.substrate)
 
 
-def loops(inputs: Inputs) -> Drawing:
-    """Figure 2.5: displacement and force over time, and force over displacement."""
+def loops(inputs: Inputs, printed: float = 0.5, shown: int = 3) -> Drawing:
+    """Figure 2.5: displacement and force over time, some cycles nearest to a frequency [Hz], and over displacement."""
     name, settings, solid = _first(inputs)
     parts = {stage: inputs.result(name, stage) for stage in ("loads", "oscillations", "loops", "comparison", "model")}
     punch = settings.punch
@@ -43,12 +40,12 @@ def loops(inputs: Inputs) -> Drawing:
         for unused in axes[:, 1]:
             unused.remove()
         table, loads = parts["oscillations"], parts["loads"]
-        nearest = int(np.argmin(np.abs(np.log(table["frequency"].values / _PRINTED_FREQUENCY))))
+        nearest = int(np.argmin(np.abs(np.log(table["frequency"].values / printed))))
         frequency, begin = (float(table[n][nearest]) for n in ("frequency", "begin"))
         block = mach1_readings.rows(loads, int(table["block"][nearest]))
         cycles = (loads["time"].values[block] - loads["time"].values[block][0] - begin) * frequency
-        inside = (cycles >= 0) & (cycles <= _SHOWN_CYCLES)
-        every, line = max(1, inside.sum() // (30 * _SHOWN_CYCLES)), line_arguments("measured", style="points")
+        inside = (cycles >= 0) & (cycles <= shown)
+        every, line = max(1, inside.sum() // (30 * shown)), line_arguments("measured", style="points")
         t, depth = cycles[inside], (loads["position_z"].values[block][inside] - touch) / radius
         force, model = (
             values[block][inside] / scale
@@ -79,7 +76,7 @@ def loops(inputs: Inputs) -> Drawing:
     )
 
 
-def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, float, float]) -> str:
+def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, float, float], points: int = 24) -> str:
     """Draw recorded and simulated loops, before the load cell's filter; return a note on their widths."""
     touch, radius, scale = scales
     recorded, table, loads = parts["loops"], parts["oscillations"], parts["loads"]
@@ -95,7 +92,7 @@ def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, fl
         look: dict[str, Any] = {"color": shades[number]}
         axes.plot((depth - touch) / radius, force / scale, label=f"{frequency * _AXIS:.3g}", linestyle="-", **look)
         block = mach1_readings.rows(loads, int(table["block"][number]))
-        grid = np.linspace(end - 1.0 / frequency, end, _DRAWN_POINTS + 1)  # the last evaluated cycle
+        grid = np.linspace(end - 1.0 / frequency, end, points + 1)  # the last evaluated cycle
         x, y = (
             np.interp(grid, loads["time"].values[block], values[block])
             for values in (loads["position_z"].values, parts["model"]["force"].values)

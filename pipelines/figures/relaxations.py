@@ -6,18 +6,15 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from labpipe.report import line_arguments
-from pipelines.figures.chapter2 import FORCES
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs, with_u
-
-_MOST_TESTS, _DRAWN_POINTS = 3, 400
-_GAP = 120.0  # µm between the circles of figure 3.17 (b)
+from pipelines.rig.apparatus import PUNCH
 
 
-def relaxation(inputs: Inputs) -> Drawing:
-    """Figure 2.4: force of a ramp and a hold at three depths, recorded and simulated."""
+def relaxation(inputs: Inputs, most: int = 3, drawn: int = 400) -> Drawing:
+    """Figure 2.4: force of a ramp and a hold at three depths, recorded and simulated, so many points drawn of each."""
     name = next(iter(inputs.experiments))
-    files = inputs.experiments[name].mach1[:_MOST_TESTS]
+    files = inputs.experiments[name].mach1[:most]
     punch = inputs.experiments[name].punch
     notes: list[str] = []
     with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
@@ -26,7 +23,7 @@ def relaxation(inputs: Inputs) -> Drawing:
             at, time = ramps.isel(ramp=0), loads["time"].values
             since = time - float(at["begin"])
             inside = (loads["block"].values == int(at["block"])) & (since > 0) & (time <= float(at["last"]))
-            wanted = np.geomspace(since[inside][0], since[inside][-1], _DRAWN_POINTS)  # equal steps of log time
+            wanted = np.geomspace(since[inside][0], since[inside][-1], drawn)  # equal steps of log time
             rows = np.flatnonzero(inside)[np.unique(np.searchsorted(since[inside], wanted).clip(0, inside.sum() - 1))]
             t, points = since[rows], line_arguments("measured", style="points") | {"markersize": 2}
             place.semilogx(t, loads["force"].values[rows], label=f"force, {inputs.origin}", **points)
@@ -40,7 +37,7 @@ def relaxation(inputs: Inputs) -> Drawing:
             place.yaxis.label.set_visible(place is axes[0, 0])
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
-            known = next((row[1:] for row in FORCES if abs(depth - row[0]) < 0.1 * row[0]), None)
+            known = next((row[1:] for row in PUNCH.forces if abs(depth - row[0]) < 0.1 * row[0]), None)
             notes.append(
                 f"{depth * 1e3:.2g} mm: peak {peak:.2f} N behind the cell's filter, plateau "
                 f"{with_u(at, 'plateau_force', 1.0, 2)} N (model {float(made['plateau_force_model'][0]):.2f} N), nRMSE "
@@ -58,8 +55,11 @@ def relaxation(inputs: Inputs) -> Drawing:
     )
 
 
-def stepwise_load(inputs: Inputs) -> Drawing:
-    """Figure 3.17: contact radius of a sphere under five loads, by approach, viscoelastic model and Hertz."""
+def stepwise_load(inputs: Inputs, gap: float = 120.0) -> Drawing:
+    """Figure 3.17: contact radius of a sphere under five loads, by approach, viscoelastic model and Hertz.
+
+    In (b) the circles are a gap of some µm apart.
+    """
     name = next(iter(inputs.experiments))
     measured, steps = inputs.result(name, "approach"), inputs.result(name, "steps")
     model, made = inputs.result(name, "model"), inputs.result(name, "comparison")
@@ -92,11 +92,11 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         inset.tick_params(labelsize=6)
         inset.yaxis.label.set_size(7)
         letter(axes, "a")
-        ends = np.cumsum(2.0 * radii + _GAP)
-        for x, radius in zip(ends - radii - _GAP, radii, strict=True):
+        ends = np.cumsum(2.0 * radii + gap)
+        for x, radius in zip(ends - radii - gap, radii, strict=True):
             circles.add_patch(Circle((x, 0.0), radius, facecolor="#cfe3f1", edgecolor="#0066a6"))
             circles.text(x, 0.0, f"{radius:.0f}", ha="center", va="center", fontsize=7)
-        limits = {"xlim": (-_GAP, ends[-1]), "ylim": (-1.15 * radii.max(), 1.15 * radii.max())}
+        limits = {"xlim": (-gap, ends[-1]), "ylim": (-1.15 * radii.max(), 1.15 * radii.max())}
         circles.set(**limits, aspect="equal", yticks=[], xlabel="width (µm)")
         circles.grid(visible=False)
         letter(circles, "b")

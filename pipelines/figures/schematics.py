@@ -9,11 +9,9 @@ from calibration import ruler
 from labpipe.report import line_arguments
 from labpipe.units import Quantity
 from pipelines.figures.drawing import Drawing, letter, panels
-from pipelines.rig.calibration_images import ruler_image
+from pipelines.rig.calibration_images import Photograph
 
 _LINE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "-"}
-
-_IMAGE, _TILT = (480, 1280), 0.012  # rad, a ruler laid down by hand
 
 
 def glass_transition() -> Drawing:
@@ -55,7 +53,7 @@ def glass_transition() -> Drawing:
 
 def ruler_on_disc() -> Drawing:
     """Figure D.2: an image of a ruler and the scale found in it."""
-    image = ruler_image(*_IMAGE, tilt=_TILT, seed=7)
+    image = Photograph(480, 1280, tilt=0.012, seed=7).ruler()
     found = ruler.graduations(image)
     size = Quantity(1e-4 / found.pitch.value, 1e-4 * found.pitch.u / found.pitch.value**2, "m/px")
     with panels(aspect=0.55) as (figure, grid):

@@ -11,12 +11,6 @@ from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred, with_u
 
-_PRINTED_TIMES = (0.0, 0.074, 0.085, 0.106, 0.126, 0.138, 0.149, 0.155, 0.161, 0.300)
-"""s, of figure 3.8 (b)."""
-
-_FEW = 4
-"""Of the printed times, from which on a film is too short to show them: it shows its own."""
-
 _LINE, _POINT = "#0066a6", "#f2c200"
 
 
@@ -47,8 +41,13 @@ def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
     place.grid(visible=False)
 
 
-def falling_line(inputs: Inputs) -> Drawing:
-    """Figure 3.8: the line on the holder, and where it is at chosen times."""
+def falling_line(
+    inputs: Inputs, printed: tuple[float, ...] = (0.0, 0.074, 0.085, 0.106, 0.126, 0.138, 0.149, 0.155, 0.161, 0.300)
+) -> Drawing:
+    """Figure 3.8: the line on the holder, and where it is at the printed times [s].
+
+    A film that is too short for four of them shows as many of its own.
+    """
     name = _film(inputs)
     keys, track = inputs.result(name, "keys"), inputs.result(name, "track")
     motion, events = inputs.result(name, "motion"), inputs.result(name, "bounces")
@@ -56,10 +55,10 @@ def falling_line(inputs: Inputs) -> Drawing:
     time = track["time"].values
     # Times count from the release, as the printed ones from the beginning of the fall.
     since = time - float(events["release_time"])
-    wanted = [t for t in _PRINTED_TIMES if t <= since[-1]]
+    wanted = [t for t in printed if t <= since[-1]]
     told = "the frames nearest to those printed in the thesis"
-    if len(wanted) < _FEW:
-        wanted, told = np.linspace(0.0, since[-1], len(_PRINTED_TIMES)).tolist(), "evenly spaced"
+    if len(wanted) < 4:
+        wanted, told = np.linspace(0.0, since[-1], len(printed)).tolist(), "evenly spaced"
     chosen = [int(np.argmin(np.abs(since - t))) for t in wanted]
     with panels(1, 2, width=2, aspect=0.46, width_ratios=(1.0, 2.2)) as (figure, axes):
         _reference(axes[0, 0], keys, track, squares=False)

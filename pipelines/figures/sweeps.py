@@ -10,9 +10,6 @@ from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs
 
-_COVERAGE = 2.0
-_LEAST_DECADES = 0.5
-
 
 def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spectrum: bool = False) -> Drawing:
     """Draw the master curve and the shift factors of the first fitting experiment.
@@ -27,7 +24,7 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spec
     with panels(1, len(ratios), width=2, aspect=0.4, width_ratios=ratios) as (figure, axes):
         drawn = _moduli(axes[0, 0], made, inputs.origin, is_shear=is_shear, is_split=not with_spectrum)
         T, shift, u = (made[column].values for column in ("temperature", "log10_aT", "u_log10_aT"))
-        axes[0, 1].errorbar(T, shift, _COVERAGE * u, capsize=1.5, **line_arguments("measured", style="both"))
+        axes[0, 1].errorbar(T, shift, 2.0 * u, capsize=1.5, **line_arguments("measured", style="both"))
         axes[0, 1].axvline(float(made["T_ref"]), **line_arguments("reference"))
         axes[0, 1].set(xlabel="temperature (°C)", ylabel="shift factor $\\log_{10} a_T$ (1)")
         if with_spectrum:
@@ -72,7 +69,7 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
         line = points | {"markersize": 2.2, "markerfacecolor": "white", "markeredgewidth": 0.5}
         axes.loglog(f, reduced, label=f"{part}, {origin}", **line)
         centre = made[f"master_{part}"].values * scale
-        half = _COVERAGE * made[f"u_master_{part}"].values * scale
+        half = 2.0 * made[f"u_master_{part}"].values * scale
         axes.fill_between(
             x, np.maximum(centre - half, centre / 10), centre + half, color=look["color"], alpha=0.25, linewidth=0
         )
@@ -81,7 +78,7 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
             continue
         low, high = (float(g(made[f"{part}_reduced"])) * scale for g in (np.nanmin, np.nanmax))
         # Whole decades in different halves of the two axes: neither curve hides the other.
-        span = 2.0 * max(np.log10(high / low), _LEAST_DECADES)
+        span = 2.0 * max(np.log10(high / low), 0.5)
         limits = (high / 10**span * 1.3, high * 1.3) if part == "storage" else (low / 1.3, low / 1.3 * 10**span)
         axes.set_ylim(limits)
         axes.set_ylabel(f"{part} modulus ${symbol}{dashes}$ (Pa)")

@@ -1,13 +1,14 @@
 """The page of an identification: results first, then their evidence."""
 
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
 from labpipe.identification import DETERMINED, Band as Prediction, moduli, predictive_bands
 from labpipe.report import (
+    SURE,
     Band,
     Block,
     Column,
@@ -24,10 +25,9 @@ from labpipe.report import (
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.judgements import with_minus
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
-from pipelines.experiments.shared.pages import log_log, session_document, spanned, synthetic_notice
+from pipelines.experiments.shared.pages import chart, session_document, spanned, synthetic_notice
 from pipelines.identify._result import UNCHANGED, Identified, dataset
 
-_REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
@@ -185,7 +185,7 @@ def _against_stated(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
         f"material that the session names ({source}): at most {deviations.max():.2g} standard uncertainties of the "
         "identification; those of the other are not counted."
     )
-    return (Notice("ok" if deviations.max() < _REACH else "info", with_minus(text)),)
+    return (Notice("ok" if deviations.max() < SURE else "info", with_minus(text)),)
 
 
 def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
@@ -196,23 +196,24 @@ def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
     charts: list[LineChart] = []
     stated = None if found.stated is None else found.stated[1].complex_modulus(2.0 * np.pi * frequency)
     text = "Outside the two marks there are no data: curves and bands follow from the assumptions about polymers."
-    for name, title, label, unit in (
-        ("storage", "Storage modulus", "storage modulus / MPa", 1e6),
-        ("loss_factor", "Loss factor", "loss factor", 1.0),
+    for name, title, label in (
+        ("storage", "Storage modulus", "storage modulus / MPa"),
+        ("loss_factor", "Loss factor", "loss factor"),
     ):
-        value, u = made[name].values / unit, made[f"u_ln_{name}"].values
-        wide = np.minimum(_REACH * u, np.log(1e3))
+        value, u = made[name].values, made[f"u_ln_{name}"].values
+        wide = np.minimum(SURE * u, np.log(1e3))
         series: list[Series | Band] = [
             Band("95 % of the posterior", frequency, value * np.exp(-wide), value * np.exp(wide)),
             Series("most probable", frequency, value, role="model"),
         ]
         if found.prior is not None:
             values = moduli(found.prior, frequency)[name].values
-            series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
+            series.append(Series("rheometer alone", frequency, values, role="reference"))
         elif found.stated is not None and stated is not None:
             values = stated.real if name == "storage" else stated.imag / stated.real
-            series.append(Series(found.stated[0], frequency, values / unit, role="reference"))
-        charts.append(log_log(title, "frequency / Hz", label, series, group="frequency", vlines=marks, caption=text))
+            series.append(Series(found.stated[0], frequency, values, role="reference"))
+        scales: dict[str, Any] = {"x_scale": "log", "y_scale": "log", "group": "frequency"}
+        charts.append(chart(title, "frequency / Hz", label, series, vlines=marks, caption=text, **scales))
     return charts
 
 
@@ -239,7 +240,7 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
     axis = group.axis[order]
     scale: Literal["linear", "log"] = "log" if axis[0] > 0 and axis[-1] / axis[0] > 100 else "linear"
     values, u = group.values[order], group.u[order]
-    predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
+    predicted, wide = shown.predicted[order], SURE * shown.u_predicted[order]
     label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
     title = f"{shown.evidence}: {group.name}"
     curves = (

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.special import ndtri
 
 from labpipe.identification import DETERMINED, LongTimeModulus, Posterior, informative_range, moduli, predictive_bands
 from labpipe.materials import Prony
+from labpipe.report import SURE
 from labpipe.variables import described
 
 _PER_DECADE = 6
 _BEYOND = 100.0  # factor by which the curves go on beyond the data
-_LEVEL = 0.95
 UNCHANGED = 0.95
 """Standard deviation over that before, from which on the data are said to tell nothing new."""
 
@@ -100,15 +99,14 @@ def _parameters(found: Identified) -> dict[str, Any]:
     """
     known = found.known
     parameters = known.fit.problem.parameters
-    reach = float(ndtri(0.5 + 0.5 * _LEVEL))
-    ends = np.array([known.interval(i, _LEVEL) for i in range(len(parameters))])
+    ends = np.array([known.interval(i) for i in range(len(parameters))])
     ends[0, 1:] = found.relaxed.low, found.relaxed.high
     columns = {
         "value": (ends[:, 0], "most probable value"),
         "low": (ends[:, 1], "lower end of the 95 % interval; 0 or less where there is none"),
         "high": (ends[:, 2], "upper end of the 95 % interval; infinite where there is none"),
-        "prior_low": ([p.value(-reach) for p in parameters], "lower end of the prior"),
-        "prior_high": ([p.value(reach) for p in parameters], "upper end of the prior"),
+        "prior_low": ([p.value(-SURE) for p in parameters], "lower end of the prior"),
+        "prior_high": ([p.value(SURE) for p in parameters], "upper end of the prior"),
         "contraction": (1.0 - known.sd**2, "reduction of the prior's variance by the data"),
     }
     made: dict[str, Any] = {

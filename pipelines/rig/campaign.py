@@ -18,32 +18,33 @@ import numpy as np
 from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
-from pipelines.rig import film_front, film_session, film_under, session_text
+from pipelines.rig import film_front, film_under, session_text
+from pipelines.rig.apparatus import SPHERE
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import CAMPAIGN, Protocol, sweeps
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import Body, DropRig
-from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_under import UnderCamera
-from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
-from pipelines.rig.indentations import Harmonic
-from pipelines.rig.plate import PLATE, PLATE_RIG, plate_section, write_ringing_of
-from pipelines.rig.reference_drop import GRAVITY
-from pipelines.rig.relaxations import Relaxation
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.film_front import FRONT_HEIGHT, FrontCamera, front_section, write_front
+from pipelines.rig.film_under import Bursts, UnderCamera, burst_times, under_section, write_under
+from pipelines.rig.indentations import (
+    TESTER,
+    Harmonic,
+    Relaxation,
+    Specimen,
+    oscillation_section,
+    relaxation_section,
+    write_harmonic,
+    write_relaxation,
+)
+from pipelines.rig.plate import PLATE, PLATE_RIG, plate_section, write_ringing
+from pipelines.rig.session_text import STATED, from_dma
 from pipelines.rig.solids import ROOM, SAPPHIRE, SOLIDS, Viscoelastic, specimen_of
-from pipelines.rig.static_loading import StaticRig, record_static
+from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
-HEATED = 39.0
-"""degC; of the sphere that was heated, dropped from the highest height."""
-
-_THERMOMETER = 0.4  # K
 _TIMES_OF_FALL = {"acrylic": 22.0, "nylon": 16.0, "peek": 56.0, "ptfe": 4.0}
 """After so many a sphere is about at rest, from whatever height."""
-_AT_REST, _WHOLE = 0.2, 0.05
-"""s that are recorded of it then, and of which a record's length is a multiple."""
 
-_STATED, _MOST_NU = re.compile(r'(\w+) = "(\d[\d.]*) ± ([\d.]+)'), 0.5
+_STATED = re.compile(r'(\w+) = "(\d[\d.]*) ± ([\d.]+)')
 _DROPS = "\n[[experiments.plate.drops]]"
 _ON_PLATE = 'plate_from = "plate"\n'
 
@@ -56,25 +57,32 @@ class Extent:
     the plate too, ``front_height`` that of PTFE before the front camera. ``bursts`` says when the
     camera under the disc records; without it, it records evenly. ``to_rest``: laser and camera
     record a sphere until it rests, whatever the height, instead of as long as they say. ``seed`` is
-    added to those of all recordings.
+    added to those of all recordings. Acrylic ``heated`` [degC] falls from the highest height; the thermometer is off by
+    ``thermometer`` K. Of a sphere at rest ``at_rest`` s are recorded, and a record is a multiple of ``whole`` s long.
     """
 
-    heights: tuple[float, ...] = (1.5e-3, 5e-3, 7e-3, 10e-3)
+    heights: tuple[float, ...] = SPHERE.heights
     ringing: tuple[str, ...] = POLYMERS
     repeats: int = 5
     plate_repeats: int = 3
     rig: DropRig = field(default_factory=lambda: DropRig(floor=PLATE))
     plate_rig: DropRig = PLATE_RIG
     under: UnderCamera = field(default_factory=lambda: UnderCamera(rows=160, columns=640))  # contacts need 550 px
-    bursts: film_session.Bursts | None = field(default_factory=film_session.Bursts)
+    bursts: Bursts | None = field(default_factory=Bursts)
     front: FrontCamera = field(default_factory=lambda: FrontCamera(rows=144, columns=96, duration=0.32))  # figure 3.8
-    front_height: float = film_session.FRONT_HEIGHT
+    front_height: float = FRONT_HEIGHT
     relaxation: Relaxation = field(default_factory=Relaxation)
-    harmonic: Harmonic = field(default_factory=lambda: Harmonic(frequencies=FREQUENCIES))
+    harmonic: Harmonic = field(
+        default_factory=partial(Harmonic, frequencies=(0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0))
+    )
     dma: Protocol = CAMPAIGN
     to_rest: bool = True
     static: StaticRig = field(default_factory=StaticRig)
     seed: int = 0
+    heated: float = 39.0
+    thermometer: float = 0.4
+    at_rest: float = 0.2
+    whole: float = 0.05
 
 
 THESIS = Extent()
@@ -85,16 +93,16 @@ FULL_SIZE = replace(THESIS, under=film_under.FULL_SIZE, bursts=None, front=film_
 
 SMALL = replace(
     THESIS,
-    heights=(1.5e-3,),
+    heights=SPHERE.heights[:1],
     ringing=("acrylic", "ptfe"),
     repeats=2,
     plate_repeats=1,
     rig=replace(THESIS.rig, sensor=replace(THESIS.rig.sensor, cycle=100e-6), duration=0.4),
     plate_rig=replace(PLATE_RIG, sensor=replace(PLATE_RIG.sensor, cycle=100e-6), duration=0.12),
     under=UnderCamera(rows=32),
-    bursts=film_session.Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, rest=0.4891411, frames_at_rest=6),
+    bursts=Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, rest=0.4891411, frames_at_rest=6),
     front=FrontCamera(rows=52, columns=52, frame_rate=2000, duration=0.06),
-    front_height=1.5e-3,
+    front_height=SPHERE.heights[0],
     relaxation=Relaxation(hold=12.0),
     harmonic=Harmonic(hold=10.0, frequencies=(0.5, 2.0), cycles=6),
     dma=replace(
@@ -122,9 +130,9 @@ def misstated(text: str, extent: Extent, file: str) -> str:
 
     Equal statements are of one measurement, such as the mass of the sphere, but those of heights and of moduli.
     """
-    true = {("temperature", session_text.STATED_ROOM): ROOM, ("temperature", HEATED): HEATED + _THERMOMETER}
+    true = {("temperature", STATED.room): ROOM, ("temperature", extent.heated): extent.heated + extent.thermometer}
     true |= {("nu", float(nu.split()[0])): SOLIDS[name].nu for name, nu in session_text.STATED_NU.items()}
-    lasers = {session_text.STATED_INCLINATION: extent.rig, session_text.STATED_ON_PLATE: extent.plate_rig}
+    lasers = {STATED.inclination: extent.rig, STATED.on_plate: extent.plate_rig}
     true |= {("inclination", deg): float(np.rad2deg(rig.sensor.inclination)) for deg, rig in lasers.items()}
 
     def off(match: re.Match[str]) -> str:
@@ -133,7 +141,7 @@ def misstated(text: str, extent: Extent, file: str) -> str:
         random = np.random.default_rng([extent.seed, *match[0].encode(), *place])
         while True:
             found = true.get((name, value), value) + float(u) * float(random.standard_normal())
-            if name != "nu" or found < _MOST_NU:  # nobody states more for an isotropic solid
+            if name != "nu" or found < 0.5:  # nobody states more for an isotropic solid
                 return f'{name} = "{found:.{len(u)}f} ± {u}'
 
     return _STATED.sub(off, text)
@@ -190,7 +198,7 @@ def written(names: tuple[str, ...], write: Callable[[], str]) -> str:
 def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
     """List the recordings, the longest first, so that two workers end together."""
     highest = max(extent.heights)
-    filmed = [(highest, HEATED), *((height, None) for height in reversed(extent.heights))]
+    filmed = [(highest, extent.heated), *((height, None) for height in reversed(extent.heights))]
     drops: list[tuple[str, float, float | None, int, datetime]] = []
     rings: list[Part] = []
     for day, material in enumerate(POLYMERS):
@@ -200,17 +208,13 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
             drops.append((material, height, None, seed, begun))
             if material in extent.ringing:
                 of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, begun + timedelta(days=5))
-                rings.append((("plate",), partial(write_ringing_of, folder, *of)))
-    drops.append(("acrylic", highest, HEATED, extent.seed + 9900, start + timedelta(days=10)))
-    static = partial(record_static, folder, "ptfe_static", start + timedelta(days=12), extent.static, extent.seed)
-    punched = extent.relaxation, extent.harmonic, extent.seed
-    rubber = partial(write_indentations, folder, start + timedelta(days=20), *punched)
+                rings.append((("plate",), partial(write_ringing, folder, *of)))
+    drops.append(("acrylic", highest, extent.heated, extent.seed + 9900, start + timedelta(days=10)))
     rheometer = partial(sweeps, folder, protocol=extent.dma, seed=extent.seed)
-    films = [(f"{_name('acrylic', *one)}_film", partial(_contact_film, folder, *one, extent)) for one in filmed]
     return [
-        (("nbr_relaxation", "nbr_harmonic"), rubber),
-        *(((name,), write) for name, write in films),
-        (("ptfe_static",), static),
+        (("nbr_relaxation", "nbr_harmonic"), partial(_punched, folder, start + timedelta(days=20), extent)),
+        *(((f"{_name('acrylic', *one)}_film",), partial(_contact_film, folder, *one, extent)) for one in filmed),
+        (("ptfe_static",), partial(_static, folder, start + timedelta(days=12), extent)),
         (("ptfe_film",), partial(_front_film, folder, extent)),
         *(((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops),
         *rings,
@@ -222,34 +226,49 @@ def _name(material: str, height: float, temperature: float | None) -> str:
     return f"{material}_{session_text.height_name(height)}" + ("" if temperature is None else f"_{temperature:g}C")
 
 
-def _specimen(material: str, temperature: float | None) -> Viscoelastic:
+def _specimen(extent: Extent, material: str, temperature: float | None) -> Viscoelastic:
     """Return a solid in the room or heated: the thermometer is a little off, within its u of 1 K."""
-    return specimen_of(material, None if temperature is None else temperature + _THERMOMETER)
+    return specimen_of(material, None if temperature is None else temperature + extent.thermometer)
 
 
-def _until_rest(material: str, height: float) -> float:
+def _until_rest(extent: Extent, material: str, height: float) -> float:
     """Return how long after its release [s] a sphere is surely at rest."""
-    return _TIMES_OF_FALL[material] * float(np.sqrt(2 * height / GRAVITY)) + _AT_REST
+    return _TIMES_OF_FALL[material] * float(np.sqrt(2 * height / SPHERE.gravity)) + extent.at_rest
+
+
+def _punched(folder: Path, start: datetime, extent: Extent) -> str:
+    """Indent rubber: relaxations, then oscillations three hours later, and the record of the load cell."""
+    specimen, names = Specimen(specimen_of("nbr")), ("nbr_relaxation", "nbr_harmonic")
+    recordings = write_relaxation(folder, names[0], specimen, extent.relaxation, TESTER, extent.seed + 70, start)
+    begun = start + timedelta(hours=3)
+    write_harmonic(folder, names[1], specimen, extent.harmonic, TESTER, extent.seed + 80, begun)
+    files.write_text(folder / "calibration/load_cell.toml", session_text.cell_record())
+    relaxed = relaxation_section(names[0], recordings, specimen, from_dma("nbr"))
+    return relaxed + oscillation_section(names[1], specimen, from_dma("nbr"))
+
+
+def _static(folder: Path, start: datetime, extent: Extent) -> str:
+    """Load PTFE step by step; the loads are stated as they should have been put on."""
+    file = write_static(folder, "ptfe_static", extent.static, specimen_of("ptfe"), extent.seed + 90, start)
+    return static_section("ptfe_static", file, StaticRig(), "ptfe", from_dma("ptfe"))
 
 
 def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
     """Film the contact of acrylic through the disc."""
     name = f"{_name('acrylic', height, temperature)}_film"
-    body = Body(_specimen("acrylic", temperature), height, extent.rig.radius, extent.rig.mass, PLATE, extent.rig.disc)
-    times = film_session.FULL_TIMES
+    body = extent.rig.body(_specimen(extent, "acrylic", temperature), height)
+    times = film_under.FULL_TIMES
     if extent.bursts is not None:
-        bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts
-        times = film_session.burst_times(body, extent.under.release, bursts)
+        rest = _until_rest(extent, "acrylic", height) if extent.to_rest else extent.bursts.rest
+        times = burst_times(body, extent.under.release, replace(extent.bursts, rest=rest))
     seed = extent.seed + 3700 + round(1e4 * height) + (0 if temperature is None else 1)
-    film = film_session.write_under(folder, f"{name}_under", body, extent.under, times, seed)
-    return film_session.under_section(
-        film, name, height, extra=_ON_PLATE, source=session_text.from_dma("acrylic", temperature)
-    )
+    film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
+    return under_section(film, name, height, extra=_ON_PLATE, source=from_dma("acrylic", temperature))
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
-    film = film_session.write_front(folder, "ptfe", extent.front_height, extent.front, extent.seed + 31, extent.rig)
-    return film_session.front_section(film, extent.front, extent.front_height)
+    film = write_front(folder, "ptfe", extent.front_height, extent.front, extent.seed + 31, extent.rig)
+    return front_section(film, extent.front, extent.front_height)
 
 
 def _drops(
@@ -258,9 +277,8 @@ def _drops(
     """Record the repeats of one height by the laser."""
     rig, name = extent.rig, _name(material, height, temperature)
     if extent.to_rest:
-        duration = rig.release + _until_rest(material, height)
-        rig = replace(rig, duration=float(np.ceil(duration / _WHOLE) * _WHOLE))
-    solid = _specimen(material, temperature)
+        duration = rig.release + _until_rest(extent, material, height)
+        rig = replace(rig, duration=float(np.ceil(duration / extent.whole) * extent.whole))
+    solid = _specimen(extent, material, temperature)
     recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
-    source = session_text.from_dma(material, temperature)
-    return session_text.drop_section(name, recordings, height, material, _ON_PLATE, source)
+    return session_text.drop_section(name, recordings, height, material, _ON_PLATE, from_dma(material, temperature))

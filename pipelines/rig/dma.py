@@ -10,10 +10,6 @@ from labpipe.arrays import Floats
 from pipelines.rig.session_text import dma_name, dma_section, write_truth
 from pipelines.rig.solids import SOLIDS, Solid, truth_of_solid
 
-_DIGITS = 5  # of the export
-_RELATIVE_STRAIN = 2e-4  # amplitude of the oscillation
-_SETTLE = 300.0  # s at a new temperature before its sweep begins
-
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
@@ -21,7 +17,7 @@ class Protocol:
 
     ``u_storage`` and ``u_loss`` are the relative noise of the moduli, ``u_scale`` the relative
     scatter of all moduli over specimens, whose dimensions are known so well; ``delay`` [s] is
-    that of the phase.
+    that of the phase. ``strain`` is the amplitude of the oscillation; it rests for ``settle`` s at each temperature.
     """
 
     temperatures: tuple[float, ...] = tuple(np.arange(-40.0, 121.0, 10.0).tolist())
@@ -34,6 +30,8 @@ class Protocol:
     offset_temperature: float = 0.2
     u_scale: float = 0.0
     delay: float = 0.0
+    strain: float = 2e-4
+    settle: float = 300.0
 
 
 CAMPAIGN = Protocol(u_scale=0.01, delay=20e-6)
@@ -55,7 +53,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         storage = true.real * np.exp(protocol.u_storage * generator.standard_normal(time.size))
         loss = true.imag * np.exp(protocol.u_loss * generator.standard_normal(time.size))
         shown = temperature + protocol.u_temperature * generator.standard_normal(time.size)
-        strain = np.full(time.size, _RELATIVE_STRAIN)
+        strain = np.full(time.size, protocol.strain)
         return [
             make("Time", "[s]", time),
             make("Temperature", "[°C]", np.round(shown, 2)),
@@ -71,7 +69,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     clock, intervals = 0.0, []
     frequency = np.asarray(protocol.frequencies)
     for number, temperature in enumerate(protocol.temperatures, 1):
-        time = np.asarray(clock + _SETTLE + np.cumsum(3.0 / frequency), dtype=np.float64)
+        time = np.asarray(clock + protocol.settle + np.cumsum(3.0 / frequency), dtype=np.float64)
         clock = float(time[-1])
         table = columns(time, frequency, np.full(frequency.size, temperature + protocol.offset_temperature))
         intervals.append(anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, table))
@@ -79,7 +77,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     table = columns(30.0 * np.arange(1.0, T.size + 1.0), np.full(T.size, protocol.ramp_frequency), T)
     intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, table))
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
-    anton_paar.write(folder / f"dma/{name}.csv", intervals, project, _DIGITS)
+    anton_paar.write(folder / f"dma/{name}.csv", intervals, project, 5)
     T = np.asarray(protocol.temperatures) + protocol.offset_temperature
     shift = solid.log10_aT(T)
     low, high = (np.log10(g(protocol.frequencies)) + g(shift) for g in (min, max))

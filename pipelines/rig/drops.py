@@ -1,7 +1,7 @@
-"""A series of ball drops as the virtual rig records them, with true values."""
+"""The rig that drops a sphere, and a series of drops as its laser records them, with true values."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,67 @@ import numpy as np
 
 from instruments import keyence
 from labpipe.arrays import Floats
-from pipelines.rig.fall import Body, DropRig, fall
-from pipelines.rig.reference_drop import Trajectory
+from pipelines.rig.apparatus import SPHERE
+from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
 from pipelines.rig.session_text import write_truth
-from pipelines.rig.solids import Truth, solid_of, truth_of_solid
+from pipelines.rig.solids import SAPPHIRE, Truth, solid_of, truth_of_solid
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The falling body: radius, moving mass, height, material; the floor, and the compliance of the disc [1/Pa]."""
+
+    material: Truth
+    height: float
+    radius: float = SPHERE.radius
+    mass: float = SPHERE.mass
+    floor: Floor | None = None
+    disc: float = SAPPHIRE
+
+    def fall(self, duration: float, snapshots: Floats | None = None) -> Trajectory:
+        """Return the reference motion for ``duration`` s after release."""
+        solid, where = solid_of(self.material), {"radius": self.radius, "mass": self.mass, "height": self.height}
+        given: dict[str, Any] = where | {"floor": self.floor, "disc": self.disc}
+        return reference_drop(solid, duration=duration, snapshots=snapshots, **given)
+
+
+@dataclass(frozen=True, slots=True)
+class LaserSensor:
+    """A laser displacement sensor that looks at a moving part under an angle: its errors, in m, rad and s."""
+
+    inclination: float
+    cycle: float = 50e-6
+    noise: float = 1.0e-6
+    step: float = 0.1e-6
+    zero: float = 2.5e-3
+
+    def readings(self, moved: Floats, errors: Floats) -> Floats:
+        """Return the readings (n,) of a motion (n,) upwards, with the errors of each, in m."""
+        along = moved * np.cos(self.inclination) + self.zero + errors
+        return np.round(along / self.step) * self.step
+
+
+@dataclass(frozen=True, slots=True)
+class DropRig:
+    """The rig: sphere, sensor, floor, and how much one drop differs from the next.
+
+    ``height_scatter`` is the standard deviation of the release height over repeats,
+    ``release_jitter`` that of the release time within the record; ``disc`` [1/Pa] the compliance of the disc.
+    """
+
+    radius: float = SPHERE.radius
+    mass: float = SPHERE.mass
+    sensor: LaserSensor = field(default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07))))
+    floor: Floor = field(default_factory=lambda: Floor(mass=1500.0))
+    duration: float = 0.5
+    release: float = 0.02
+    release_jitter: float = 2e-3
+    height_scatter: float = 4e-6
+    disc: float = SAPPHIRE
+
+    def body(self, material: Truth, height: float) -> Body:
+        """Return the sphere of a material at a height."""
+        return Body(material, height, self.radius, self.mass, self.floor, self.disc)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +97,7 @@ def drop_once(
     generator, sensor = np.random.default_rng(seed), rig.sensor
     true_height = height + generator.normal(0.0, rig.height_scatter)
     release = rig.release + abs(generator.normal(0.0, rig.release_jitter))
-    body = Body(material, true_height, rig.radius, rig.mass, rig.floor, rig.disc)
-    motion = fall(body, rig.duration - release + 1e-3)  # s by which it outlasts the record
+    motion = rig.body(material, true_height).fall(rig.duration - release + 1e-3)  # s by which it outlasts the record
     time = np.arange(round(rig.duration / sensor.cycle), dtype=np.float64) * sensor.cycle
     noise = generator.normal(0.0, sensor.noise, time.size)
     return Drop(sensor.readings(seen(motion, time - release), noise), motion, true_height, release)

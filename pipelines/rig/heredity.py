@@ -195,8 +195,15 @@ def _take_together(history: History, now: float, reach: int) -> None:
             place += 1
             continue
         centre = 0.5 * (edges[a, 0] + edges[b, 1])
-        for block in (a, b):
-            _move(history, block, centre, reach)
+        for block in (a, b):  # its moments about the common centre
+            begin, end, m = edges[block, 0], edges[block, 1], history.moments[block]
+            d = 0.5 * (begin + end) - centre
+            for i in range(reach):
+                if history.is_single[block]:
+                    m[2, i] = m[0, i] * (end - begin) ** 2 / 12
+                m[3, i] += 3 * d * m[2, i] + 3 * d * d * m[1, i] + d**3 * m[0, i]
+                m[2, i] += 2 * d * m[1, i] + d * d * m[0, i]
+                m[1, i] += d * m[0, i]
         for n in range(_MOMENTS):
             for i in range(reach):
                 history.moments[a, n, i] += history.moments[b, n, i]
@@ -207,18 +214,3 @@ def _take_together(history: History, now: float, reach: int) -> None:
             order[k] = order[k + 1]
         order[last] = b
         history.blocks[0] = last
-
-
-@inner()
-def _move(history: History, block: int, centre: float, reach: int) -> None:
-    """Take the moments of a block about another centre."""
-    begin, end = history.edges[block, 0], history.edges[block, 1]
-    m = history.moments[block]
-    if history.is_single[block]:
-        for i in range(reach):
-            m[2, i] = m[0, i] * (end - begin) ** 2 / 12
-    d = 0.5 * (begin + end) - centre
-    for i in range(reach):
-        m[3, i] += 3 * d * m[2, i] + 3 * d * d * m[1, i] + d**3 * m[0, i]
-        m[2, i] += 2 * d * m[1, i] + d * d * m[0, i]
-        m[1, i] += d * m[0, i]

@@ -1,8 +1,8 @@
 """Indentations of rubber by a periodic punch as the virtual rig records them, with true values.
 
-One file holds the whole history of one specimen: the approach, the ramp and the hold, and then
-one Sinusoid block per frequency. The true force of the whole history comes from
-:mod:`pipelines.rig.reference_indentation`; nothing is computed block by block.
+A harmonic file holds the whole history of one specimen: the approach, the ramp and the hold, and then one Sinusoid
+block per frequency. Relaxations have one file per depth: the approach, then one ramp and its hold. The true force of a
+whole history comes from :mod:`pipelines.rig.reference_indentation`; nothing is computed block by block.
 """
 
 from dataclasses import dataclass
@@ -11,25 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments import mach1
 from instruments.mach1 import LoadCell, assemble, make_block
 from labpipe.arrays import Floats
+from pipelines.rig.apparatus import PUNCH
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, Tester, approach, oscillation, ramp, record
 from pipelines.rig.reference_indentation import reference_indentation
-from pipelines.rig.session_text import write_truth
+from pipelines.rig.session_text import from_library, section, write_truth
 from pipelines.rig.solids import Truth, solid_of, truth_of_solid
 
 CELL = LoadCell("250N SN:0000000 (synthetic)", "Multiple-axis", 1.0, 0.0, steps={"Fz, N": 0.0125})
-_AIR = 0.05e-3  # m above the surface where the approach begins
-_APPROACH_SPEED = 0.05e-3  # m/s
-_TOUCH = 2e-6  # m of indentation at which the approach stops
-_DENSE_AFTER_MOVE = 1.0  # s after a motion during which every fine point is computed
-_PER_CYCLE = 400  # points; a line between two misses 3e-5 of the amplitude
-_THINNING = 50  # of the fine points of a long rest, one in so many is computed
-_SETTLE = 2.0  # s between blocks, the stage at rest
-TIP_RADIUS = 2e-3  # m, as stated
+TESTER = Tester(force_gain=0.9988, acceleration=0.05)
+"""Its stage accelerates and brakes as real ones do; the cell's gain is off within the u of its record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +34,10 @@ class Specimen:
     """
 
     material: Truth
-    tip_radius: float = TIP_RADIUS
-    period: float = 8e-3
-    depth: float = 6e-3
-    tips: int = 3
+    tip_radius: float = PUNCH.radius
+    period: float = PUNCH.period
+    depth: float = PUNCH.depth
+    tips: int = PUNCH.tips
     surface: float = 12.3456e-3
 
 
@@ -60,6 +54,19 @@ class Harmonic:
 
 
 @dataclass(frozen=True, slots=True)
+class Relaxation:
+    """The protocol: depths in m, and how long each is held in s; a fresh start for every depth, ``apart`` min.
+
+    The true plateau is the mean over ``plateau`` s at the end of the hold.
+    """
+
+    depths: tuple[float, ...] = (0.1e-3, 0.2e-3, 0.3e-3)
+    hold: float = 600.0
+    plateau: float = 60.0
+    apart: float = 30.0
+
+
+@dataclass(frozen=True, slots=True)
 class Part:
     """One block before it is written: its function, fine history and parameters."""
 
@@ -70,7 +77,7 @@ class Part:
     frequency: float = 0.0
 
 
-def approach_part() -> Part:
+def approach_part(tester: Tester) -> Part:
     """Return the approach from above the surface to slight contact."""
     settings = {
         "Stage Axis": "Position (z)",
@@ -82,7 +89,7 @@ def approach_part() -> Part:
         "Stage Repositioning": "None",
         "Offset, mm": "0.0000",
     }
-    return Part("Find Contact", *approach(-_AIR, _TOUCH, _APPROACH_SPEED), settings)
+    return Part("Find Contact", *approach(-tester.air, tester.touch, tester.approach_speed), settings)
 
 
 def ramp_part(tester: Tester, depth: float, hold: float) -> Part:
@@ -90,20 +97,20 @@ def ramp_part(tester: Tester, depth: float, hold: float) -> Part:
     settings = {
         "Stage Axis": "Position (z)",
         "Load Cell Axis": "Fz",
-        "Amplitude, mm": f"{(depth - _TOUCH) * 1e3:.4f}",
+        "Amplitude, mm": f"{(depth - tester.touch) * 1e3:.4f}",
         "Velocity, mm/s": "1.0000",
         "Number of Ramp": "1",
         "Stop based on": "Fixed Relaxation Time",
         "Fixed Relaxation Time, s": f"{hold:.0f}",
     }
-    return Part("Stress Relaxation", *ramp(tester, _TOUCH, depth, hold), settings)
+    return Part("Stress Relaxation", *ramp(tester, tester.touch, depth, hold), settings)
 
 
 def write_harmonic(
     folder: Path, name: str, specimen: Specimen, protocol: Harmonic, tester: Tester, seed: int, start: datetime
 ) -> None:
     """Write one Mach-1 file and its truth."""
-    parts = [approach_part(), ramp_part(tester, protocol.mean, protocol.hold)]
+    parts = [approach_part(tester), ramp_part(tester, protocol.mean, protocol.hold)]
     for frequency in protocol.frequencies:
         asked = protocol.mean, protocol.amplitude, frequency, protocol.cycles, protocol.rest
         time, displacement, real = oscillation(tester, *asked)
@@ -131,12 +138,42 @@ def write_harmonic(
     write_truth(folder, name, document)
 
 
+def write_relaxation(
+    folder: Path, name: str, specimen: Specimen, protocol: Relaxation, tester: Tester, seed: int, start: datetime
+) -> list[str]:
+    """Write one Mach-1 file per depth, and the truth of each; returns the files' names."""
+    names = []
+    for number, depth in enumerate(protocol.depths):
+        parts = [approach_part(tester), ramp_part(tester, depth, protocol.hold)]
+        stem, begun = f"{name}_{depth * 1e6:.0f}um", start + timedelta(minutes=number * protocol.apart)
+        _, force = record_parts(folder, stem, specimen, parts, tester, seed + number, begun)
+        time = parts[1].time
+        late = time >= time[-1] - min(protocol.plateau, 0.1 * protocol.hold)
+        solid = solid_of(specimen.material)
+        document = {
+            "solid": truth_of_solid(solid),
+            "surface": specimen.surface,
+            "depth": depth,
+            "peak_force": float(force.max()),
+            "peak_time": float(time[np.argmax(force)]),
+            "plateau_force": float(force[late].mean()),
+            "end_force": float(force[-1]),
+            "force_gain": tester.force_gain,
+            "force_offset": tester.force_offset,
+            "E_relaxed": solid.relaxed,
+            "reduced_modulus": solid.relaxed / (1 - solid.nu**2),
+        }
+        write_truth(folder, stem, document)
+        names.append(f"mach1/{stem}.txt")
+    return names
+
+
 def record_parts(
     folder: Path, name: str, specimen: Specimen, parts: list[Part], tester: Tester, seed: int, start: datetime
 ) -> list[Floats]:
     """Write the blocks of one file as the instrument records them; returns their true forces."""
     generator = np.random.default_rng(seed)
-    begins = np.cumsum([0.0] + [p.time[-1] + _SETTLE for p in parts[:-1]])
+    begins = np.cumsum([0.0] + [p.time[-1] + tester.settle for p in parts[:-1]])
     ends = np.cumsum([p.time.size for p in parts])
     pieces = np.split(_force(specimen, parts, begins), ends[:-1])
     blocks = []
@@ -154,14 +191,25 @@ def record_parts(
     return pieces
 
 
-def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
-    """Return the true force over all blocks, at every fine point."""
+def _force(specimen: Specimen, parts: list[Part], begins: Floats, dense: float = 1.0, thinning: int = 50) -> Floats:
+    """Return the true force over all blocks, at every fine point.
+
+    Where the stage rests it is smooth in log time: from ``dense`` s after a motion on one point in ``thinning`` is
+    computed.
+    """
     time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
     displacement = np.concatenate([p.displacement for p in parts])
-    # Of the fine points of an oscillation one of so many is computed.
-    every = [max(1, int(RATE * OVERSAMPLING / (_PER_CYCLE * p.frequency))) if p.frequency else 1 for p in parts]
+    # of an oscillation 400 points a cycle are computed: a line between two misses 3e-5 of the amplitude
+    every = [max(1, int(RATE * OVERSAMPLING / (400 * p.frequency))) if p.frequency else 1 for p in parts]
     strides = [np.full(p.time.size, stride) for p, stride in zip(parts, every, strict=True)]
-    kept = _where_it_matters(time, displacement, np.concatenate(strides))
+    moves, number = np.flatnonzero(np.diff(displacement) != 0), np.arange(time.size)
+    since, last = np.full(time.size, np.inf), np.searchsorted(moves, number, side="right") - 1
+    since[last >= 0] = time[last >= 0] - time[moves[last[last >= 0]] + 1]
+    keep = (since < dense) & (number % np.concatenate(strides) == 0) | (number % thinning == 0)
+    # the last fine point before a motion begins must stay, or the ramp would start early
+    keep[moves[np.diff(moves, prepend=-2) > 1]] = True
+    keep[[0, -1]] = True
+    kept = np.flatnonzero(keep)
     force, _ = reference_indentation(
         solid_of(specimen.material),
         tip_radius=specimen.tip_radius,
@@ -171,23 +219,6 @@ def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
         displacement=displacement[kept],
     )
     return np.interp(time, time[kept], force)
-
-
-def _where_it_matters(time: Floats, displacement: Floats, stride: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Thin the fine grid out where the stage rests: force is smooth in log time there.
-
-    A slow oscillation needs one of ``stride`` points only.
-    """
-    moves = np.flatnonzero(np.diff(displacement) != 0)
-    since = np.full(time.size, np.inf)
-    last = np.searchsorted(moves, np.arange(time.size), side="right") - 1
-    since[last >= 0] = time[last >= 0] - time[moves[last[last >= 0]] + 1]
-    number = np.arange(time.size)
-    keep = (since < _DENSE_AFTER_MOVE) & (number % stride == 0) | (number % _THINNING == 0)
-    # the last fine point before a motion begins must stay, or the ramp would start early
-    keep[moves[np.diff(moves, prepend=-2) > 1]] = True
-    keep[[0, -1]] = True
-    return np.flatnonzero(keep)
 
 
 def _truth_of(part: Part, force: Floats, protocol: Harmonic, tester: Tester) -> dict[str, float]:
@@ -219,3 +250,24 @@ def _truth_of(part: Part, force: Floats, protocol: Harmonic, tester: Tester) -> 
         "work_per_cycle": float(np.pi * amplitude**2 * stiffness.imag),
         "contact_loss": float(np.mean(np.interp(grid, part.time, force) <= 0.0)),
     }
+
+
+def punch_section(name: str, specimen: Specimen, source: str, *, is_calibrated: bool = True) -> str:
+    """Return the tables of punch, substrate and model of an indentation, and of the load cell where it is calibrated.
+
+    Without a calibration lengths are stated without their uncertainty too.
+    """
+    u_tip, u_depth = (" ± 0.002", " ± 0.006") if is_calibrated else ("", "")
+    given = {"u_tip": u_tip, "u_depth": u_depth, "source": source or from_library("nbr")}
+    return section("punch", name=name, specimen=specimen, is_calibrated=is_calibrated, **given)
+
+
+def relaxation_section(name: str, mach1: list[str], specimen: Specimen, source: str = "") -> str:
+    """Return the tables of relaxation tests in session.toml."""
+    return section("relaxation", name=name, mach1=mach1) + punch_section(name, specimen, source)
+
+
+def oscillation_section(name: str, specimen: Specimen, source: str = "", *, is_calibrated: bool = True) -> str:
+    """Return the tables of a harmonic indentation, by default with a calibrated load cell."""
+    head = section("harmonic", name=name, is_calibrated=is_calibrated)
+    return head + punch_section(name, specimen, source, is_calibrated=is_calibrated)

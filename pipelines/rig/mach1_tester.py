@@ -18,10 +18,11 @@ OVERSAMPLING = 10  # the true motion and force are known this much finer than th
 
 @dataclass(frozen=True, slots=True)
 class Tester:
-    """Errors of the tester in motion and force; m, N, Hz, m/s.
+    """Errors of the tester in motion and force, and how it finds contact; m, N, Hz, m/s, s.
 
     ``force_gain`` is displayed over true force; ``acceleration`` [m/s²] rounds the corners of a
-    ramp, infinite leaves them sharp.
+    ramp, infinite leaves them sharp. The approach begins ``air`` above the surface and stops at an indentation of
+    ``touch``; the stage rests for ``settle`` between two blocks.
     """
 
     force_noise: float = 0.01
@@ -34,6 +35,10 @@ class Tester:
     second_harmonic: float = 0.004
     ramp_speed: float = 1e-3
     acceleration: float = np.inf
+    air: float = 0.05e-3
+    touch: float = 2e-6
+    approach_speed: float = 0.05e-3
+    settle: float = 2.0
 
 
 def fine_time(duration: float) -> Floats:

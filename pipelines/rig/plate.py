@@ -12,10 +12,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
-from pipelines.rig.drops import drop_once, write_recordings
-from pipelines.rig.fall import DropRig, LaserSensor
+from pipelines.rig.drops import DropRig, LaserSensor, drop_once, write_recordings
 from pipelines.rig.reference_drop import Floor, Trajectory
-from pipelines.rig.session_text import from_dma, section
+from pipelines.rig.session_text import from_dma, height_name, section
 from pipelines.rig.solids import specimen_of
 
 PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
@@ -56,12 +55,10 @@ def true_ringing(motion: Trajectory, floor: Floor) -> tuple[float, float]:
 
 
 def write_ringing(
-    folder: Path, stem: str, rig: DropRig, material: str, height: float, repeats: int, seed: int, start: datetime
-) -> list[str]:
-    """Write the recordings of one material and height and their truth; returns the file names.
-
-    Parameters as for :func:`pipelines.rig.drops.write_drops`.
-    """
+    folder: Path, rig: DropRig, material: str, height: float, repeats: int, seed: int, start: datetime
+) -> str:
+    """Record the plate under repeated drops of one material and height, with their truth; returns their table."""
+    stem = f"plate_{material}_{height_name(height)}"
     solid = specimen_of(material)
     known = {
         "mass": rig.floor.mass,
@@ -76,15 +73,7 @@ def write_ringing(
         amplitude, blow = true_ringing(drop.trajectory, rig.floor)
         truth = known | {"amplitude": amplitude, "blow_time": drop.release + blow, "height": drop.height}
         recorded.append((drop.readings, truth))
-    return write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)
-
-
-def write_ringing_of(
-    folder: Path, rig: DropRig, material: str, height: float, repeats: int, seed: int, start: datetime
-) -> str:
-    """Record the plate under repeated drops of one material and height; returns their table."""
-    stem = f"plate_{material}_{height * 1e3:g}mm".replace(".", "p")
-    recordings = write_ringing(folder, stem, rig, material, height, repeats, seed, start)
+    recordings = write_recordings(folder, "laser_plate", stem, rig, recorded, start, decimals=5)
     return section("plate_drops", material=material, source=from_dma(material), height=height, recordings=recordings)
 
 

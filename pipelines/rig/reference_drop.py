@@ -31,10 +31,11 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.compilation import lean
 from labpipe.errors import InputError
+from pipelines.rig.apparatus import SPHERE
 from pipelines.rig.heredity import History, copy_of, no_history, press, pull, reach_of, remember, stiffness_of_step
 from pipelines.rig.solids import Viscoelastic
 
-GRAVITY = 9.81  # m/s², as in the thesis
+GRAVITY = SPHERE.gravity
 CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
 _COARSER = ((4e-3, 8e-6), (40e-3, 20e-6))  # steps [s] from so long [s] after a touch: it rests
 SPRINGS = 400

@@ -12,29 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.errors import UsageError
-from pipelines.rig import DEMO_TITLE, film_front, film_session, film_under
+from pipelines.rig import DEMO_TITLE, film_front, film_under
+from pipelines.rig.apparatus import SPHERE
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import sweeps
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import Body, DropRig
-from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_under import UnderCamera
-from pipelines.rig.indentation_session import oscillation_section
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.drops import Body, DropRig, write_drops
+from pipelines.rig.film_front import FRONT_HEIGHT, FrontCamera, front_section, write_front
+from pipelines.rig.film_under import UNDER_HEIGHT, Bursts, UnderCamera, burst_times, under_section, write_under
+from pipelines.rig.indentations import Harmonic, Specimen, oscillation_section, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.session_text import (
-    dma_name,
-    drop_section,
-    from_dma,
-    height_name,
-    laser_record,
-    session_head,
-    write_session,
-)
+from pipelines.rig.session_text import dma_name, drop_section, from_dma, height_name, write_session
 from pipelines.rig.solids import SOLIDS, specimen_of
-
-__all__ = ["drop_section", "laser_record", "session_head", "sweeps"]  # for sessions of a test's own
 
 _START = datetime(2024, 5, 14, 9, 30)
 STATED_FLOOR = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
@@ -88,19 +77,15 @@ def _films(folder: Path, *, full_size: bool = False) -> list[str]:
 
     In full size films have 1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
     """
-    laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), film_session.FRONT_HEIGHT, 3, 4711, _START)
+    laser = write_drops(folder, "ptfe_7mm", DropRig(), specimen_of("ptfe"), FRONT_HEIGHT, 3, 4711, _START)
     front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
-    body = Body(specimen_of("acrylic"), film_session.UNDER_HEIGHT, floor=Floor())
-    times = (
-        film_session.FULL_TIMES if full_size else film_session.burst_times(body, under.release, film_session.Bursts())
-    )
-    sections = drop_section("ptfe_7mm", laser, film_session.FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
-    sections += film_session.front_section(
-        film_session.write_front(folder, "ptfe", film_session.FRONT_HEIGHT, front, 31), front
-    )
-    film = film_session.write_under(folder, "acrylic_under", body, under, times, 37)
-    sections += film_session.under_section(film, source=from_dma("acrylic")) + sweeps(folder, "ptfe", "acrylic")
+    body = Body(specimen_of("acrylic"), UNDER_HEIGHT, floor=Floor())
+    times = film_under.FULL_TIMES if full_size else burst_times(body, under.release, Bursts())
+    sections = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
+    sections += front_section(write_front(folder, "ptfe", FRONT_HEIGHT, front, 31), front)
+    film = write_under(folder, "acrylic_under", body, under, times, 37)
+    sections += under_section(film, source=from_dma("acrylic")) + sweeps(folder, "ptfe", "acrylic")
     write_calibration_images(folder)
     write_session(folder, "Films of PTFE and acrylic", sections, is_binned=not full_size)
     return ["ptfe_7mm", "ptfe_film", "acrylic_film", "ptfe_dma", "acrylic_dma"]
@@ -134,7 +119,8 @@ SAMPLES: dict[str, Sample] = {
         partial(_campaign, title="Rheometer sweeps of five materials", only=tuple(map(dma_name, SOLIDS))),
     ),
     "demo": Sample(
-        "three drops of acrylic, one short harmonic indentation", partial(_core, DEMO_TITLE, (1.5e-3,), 3, _DEMO)
+        "three drops of acrylic, one short harmonic indentation",
+        partial(_core, DEMO_TITLE, SPHERE.heights[:1], 3, _DEMO),
     ),
     "plate": Sample(
         "vibration of the plate under acrylic and PTFE; a drop modelled on it",
@@ -142,7 +128,7 @@ SAMPLES: dict[str, Sample] = {
             _campaign,
             title="Ringing of the plate",
             only=("plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"),
-            heights=(1.5e-3, 10e-3),
+            heights=SPHERE.heights[::3],
             ringing=("acrylic", "ptfe"),
             repeats=2,
             plate_repeats=2,
@@ -157,6 +143,6 @@ SAMPLES: dict[str, Sample] = {
     ),
     "core": Sample(
         "acrylic from four heights, five repeats; one harmonic indentation",
-        partial(_core, "Acrylic on sapphire and NBR under a punch", (1.5e-3, 5e-3, 7e-3, 10e-3), 5, Harmonic()),
+        partial(_core, "Acrylic on sapphire and NBR under a punch", SPHERE.heights, 5, Harmonic()),
     ),
 }

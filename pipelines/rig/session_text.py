@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ NOTE = (
 _ENVIRONMENT = Environment(trim_blocks=True, keep_trailing_newline=True)  # noqa: S701 - TOML, not HTML
 _ENVIRONMENT.filters["mm"] = lambda length: f"{length * 1e3:g}"
 _TEXTS = _ENVIRONMENT.from_string(Path(__file__).with_name("session.toml.jinja").read_text("utf-8"))
-STATED_ROOM = 20.0  # degC; the truth differs within its u of 0.5 K
 STATED_NU = {
     "nbr": "0.490 ± 0.005",
     "acrylic": "0.35 ± 0.01",
@@ -28,10 +28,22 @@ STATED_NU = {
     "nylon": "0.40 ± 0.01",
     "ptfe": "0.46 ± 0.01",
 }
-_WARMEST = 120.0  # degC, of the rheometer's sweeps
-STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
-STATED_ON_PLATE = 5.0  # degrees, likewise, of the sensor over the plate
-U_INCLINATION = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What the laboratory knows of the rig, within its u: of the room [degC], and of the laser's inclination [deg].
+
+    ``on_plate`` is that of the sensor over the plate.
+    """
+
+    room: float = 20.0
+    inclination: float = 12.0
+    on_plate: float = 5.0
+    u_inclination: float = 0.1
+
+
+STATED = Stated()
 
 
 def height_name(height: float) -> str:
@@ -49,16 +61,16 @@ def record(kind: str, name: str, instrument: str, how: str, values: str) -> str:
     return section("record", kind=kind, name=name, instrument=instrument, how=how, values=values, note=NOTE)
 
 
-def laser_record(place: str = "inclination", inclination: float = STATED_INCLINATION, step: str = "1 mm") -> str:
+def laser_record(place: str = "inclination", inclination: float = STATED.inclination, step: str = "1 mm") -> str:
     """Return the record of the sensor in a place, with the angle that the calibration found [deg]."""
     how = f"twelve micrometer steps of {step} against the reading"
-    values = f'inclination = "{inclination:.2f} ± {U_INCLINATION:.2f} deg"\nscale = "1.0000 ± 0.0005"'
+    values = f'inclination = "{inclination:.2f} ± {STATED.u_inclination:.2f} deg"\nscale = "1.0000 ± 0.0005"'
     return record("laser", f"laser-{place}", '"LK-G5001"', how, values)
 
 
 def plate_laser_record() -> str:
     """Return the record of the sensor in its place over the plate."""
-    return laser_record("plate", STATED_ON_PLATE, "0.1 mm")
+    return laser_record("plate", STATED.on_plate, "0.1 mm")
 
 
 def front_record() -> str:
@@ -118,7 +130,7 @@ def from_library(material: str) -> str:
 
 def from_dma(material: str, temperature: float | None = None) -> str:
     """Return the lines that take a material from its DMA experiment, in the room or heated [degC]."""
-    stated = f"{STATED_ROOM:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
+    stated = f"{STATED.room:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
     warm = "" if temperature is None else "homogeneous = true  # it was warmed through\n"
     return f'material_from = "{dma_name(material)}"\ntemperature = "{stated} degC"\n{warm}'
 
@@ -145,6 +157,6 @@ def dma_section(name: str, export: str, solid: Solid) -> str:
     A reference temperature above the sweeps, as the thesis has for PEEK, needs a law.
     """
     vertical = "rho_T" if solid.is_entropic else "linear"
-    law = "" if solid.T_ref <= _WARMEST else 'law = "arrhenius"  # T_ref is above the sweeps\n'
+    law = "" if solid.T_ref <= 120.0 else 'law = "arrhenius"  # T_ref is above the sweeps\n'
     nu = STATED_NU.get(name.removesuffix("_dma"), f"{solid.nu:g}")
     return section("dma", name=name, export=export, solid=solid, nu=nu, vertical=vertical, law=law)

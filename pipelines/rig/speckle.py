@@ -14,16 +14,14 @@ from labpipe.arrays import Floats
 from labpipe.compilation import compiled
 
 _REACH = 5.5  # blob widths after which exp(-r²/2) is below 3e-7
-_WIDTHS = (1.3, 2.2)  # px, blobs of the usual size for correlation
-_SPACING = 1.25  # mean distance of blobs over the sum of the two widths above
-_CONTRAST = 0.78  # argument of the curve per standard deviation of the sum
-_BLACK, _WHITE = 40.0, 215.0  # grey levels between which the curve saturates
-_EDGE = 1.2  # px, softness of the holder's edges
 
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Where the blobs are, in px of the first image; ``left``, ``right`` bound the holder."""
+    """Where the blobs are, in px of the first image; ``left``, ``right`` bound the holder, with edges ``edge`` px soft.
+
+    Grey levels saturate at ``black`` and ``white``.
+    """
 
     x: Floats
     y: Floats
@@ -32,6 +30,9 @@ class Holder:
     gain: float
     left: float
     right: float
+    black: float = 40.0
+    white: float = 215.0
+    edge: float = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,23 +55,35 @@ class Pose:
         return self.pivot[0] + self.dx + c * u - s * v, self.pivot[1] + self.dy + s * u + c * v
 
 
-def make_holder(rows: int, columns: int, fall: float, seed: int, width: float | None = None) -> Holder:
+def make_holder(
+    rows: int,
+    columns: int,
+    fall: float,
+    seed: int,
+    width: float | None = None,
+    *,
+    sizes: tuple[float, float] = (1.3, 2.2),
+    spacing: float = 1.25,
+    contrast: float = 0.78,
+) -> Holder:
     """Scatter blobs over the image and everything that a downward motion of ``fall`` px at most brings into it.
 
-    The holder is ``width`` px wide and centred in the image; it fills the image by default.
+    The holder is ``width`` px wide and centred in the image; it fills the image by default. Blobs have widths between
+    two ``sizes`` [px], by default usual ones for correlation; ``spacing`` is their mean distance over the sum of both,
+    ``contrast`` the argument of the saturating curve per standard deviation of their sum.
     """
     generator = np.random.default_rng(seed)
     margin = 16.0
     area = (rows + fall + 2 * margin) * (columns + 2 * margin)
-    count = int(area / (_SPACING * sum(_WIDTHS)) ** 2)
+    count = int(area / (spacing * sum(sizes)) ** 2)
     x = generator.uniform(-margin, columns + margin, count)
     y = generator.uniform(-fall - margin, rows + margin, count)
-    blobs = generator.uniform(*_WIDTHS, count)
+    blobs = generator.uniform(*sizes, count)
     field = np.zeros((min(rows, 200), min(columns, 200)))
     _add_blobs(field, x, y, blobs, np.ones(count))
     half = 0.5 * columns + 2 * margin if width is None else 0.5 * width
     middle = 0.5 * (columns - 1)
-    return Holder(x, y, blobs, float(field.mean()), _CONTRAST / float(field.std()), middle - half, middle + half)
+    return Holder(x, y, blobs, float(field.mean()), contrast / float(field.std()), middle - half, middle + half)
 
 
 def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0.0) -> Floats:
@@ -84,10 +97,10 @@ def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0
     field = np.zeros((rows, columns))
     _add_blobs(field, x, y, widened, (holder.width / widened) ** 2)
     level = 0.5 * (1.0 + np.tanh(holder.gain * (field - holder.offset)))
-    grey = _BLACK + (_WHITE - _BLACK) * level
+    grey = holder.black + (holder.white - holder.black) * level
     across = np.arange(columns) - pose.dx
-    mask = 0.5 * (np.tanh((across - holder.left) / _EDGE) - np.tanh((across - holder.right) / _EDGE))
-    return _BLACK / 2 + mask * (grey - _BLACK / 2)
+    mask = 0.5 * (np.tanh((across - holder.left) / holder.edge) - np.tanh((across - holder.right) / holder.edge))
+    return holder.black / 2 + mask * (grey - holder.black / 2)
 
 
 @compiled(error_model="numpy", no_cfunc_wrapper=True)

@@ -16,9 +16,10 @@ import numpy as np
 
 from instruments import keyence
 from labpipe.arrays import Floats
-from pipelines.rig.fall import LaserSensor
-from pipelines.rig.session_text import from_dma, from_library, section, write_truth
-from pipelines.rig.solids import SAPPHIRE, Truth, Viscoelastic, solid_of, specimen_of, truth_of_solid
+from pipelines.rig.apparatus import SPHERE
+from pipelines.rig.drops import LaserSensor
+from pipelines.rig.session_text import from_library, section, write_truth
+from pipelines.rig.solids import SAPPHIRE, Truth, Viscoelastic, solid_of, truth_of_solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +33,12 @@ class StaticRig:
     of the disc.
     """
 
-    radius: float = 9.525e-3
+    radius: float = SPHERE.radius
     masses: tuple[float, ...] = (0.5, 2.5, 3.5, 4.5, 5.5)
     times: tuple[float, ...] = (0.0, 153.0, 1092.0, 1986.0, 2853.0)
     duration: float = 3780.0
     cycle: float = 5.0
-    gravity: float = 9.81
+    gravity: float = SPHERE.gravity
     sensor: LaserSensor = field(default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)), noise=0.3e-6))
     late: float = 3.0
     drift: float = 0.1e-6
@@ -88,12 +89,6 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     }
     write_truth(folder, name, truth)
     return file
-
-
-def record_static(folder: Path, name: str, start: datetime, rig: StaticRig | None = None, seed: int = 0) -> str:
-    """Record PTFE under the loads of a rig, by default the stated one; returns its section."""
-    file = write_static(folder, name, rig or StaticRig(), specimen_of("ptfe"), seed + 90, start)
-    return static_section(name, file, StaticRig(), "ptfe", from_dma("ptfe"))
 
 
 def static_section(name: str, file: str, rig: StaticRig, material: str, source: str = "") -> str:

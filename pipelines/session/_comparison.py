@@ -50,13 +50,12 @@ from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import counted, session_document, synthetic_notice
 from pipelines.session._overview import AND, BESIDE, curve, pages_together, write_overview
 from pipelines.session._results import STAGES, derive, opened
+from pipelines.session._session_checks import NAMED
 from pipelines.session._verdict_notices import agreement, each
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
-
-_REASONS = 5  # why more models differ stands on their own pages
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -130,9 +129,8 @@ def _material(experiment: Experiment, session: Session) -> str:
     """Return the material of a body; of a film that names none, that of the drops it is compared with."""
     kind = KINDS[experiment.kind]
     body = getattr(experiment.settings, kind.body, None)
-    texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
-    if own := next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), ""):
-        return own
+    if own := getattr(body, "source", ""):
+        return str(own)
     inputs = {name.removeprefix(OTHER) for s in kind.stages for name in s.inputs if name.startswith(OTHER)}
     for field in sorted({name.split("/")[0] for name in inputs}):
         named = field_value(experiment.settings, field)
@@ -147,9 +145,20 @@ def write_comparison(session: Session, found: Comparison, verdicts: Mapping[str,
     rows = [row for row in found.rows if row.experiment not in session.variants]
     judged = [one for one in found.experiments if one["experiment"] not in session.variants]
     links = [Link(text, name) for text, name in pages_together(session.folder)]
+    points: dict[str, list[tuple[float, str]]] = {}
+    for row in (row for row in rows if row.deviation is not None):
+        points.setdefault(_what(row), []).append(
+            (row.deviation or 0.0, f"{row.experiment}, {row.condition}".rstrip(", "))
+        )
+    caption = (
+        "Each mark is one experiment, in standard uncertainties of its difference, measured minus model; the shaded "
+        "band holds 95 % of them when model and uncertainties are right. Filled diamonds lie outside, "
+        "triangles at the edge farther out."
+    )
+    chart = [Deviations("Difference over its uncertainty", list(points.items()), caption)] if points else []
     sections = [
         Section("Answer", (*_summary(found, rows, judged, verdicts), *links, *synthetic_notice(session))),
-        Section("Deviations", tuple(_deviations(rows))),
+        Section("Deviations", chart),
         Section("Comparisons", tuple(_comparisons(rows))),
     ]
     files.write_text(found.page, session_document(session, "Measurement against model", sections))
@@ -164,7 +173,7 @@ def _summary(
         yield said
     # records that cannot be believed, or inputs that would explain the difference
     names = [one["experiment"] for one in judged if one["believable"] != "yes" or one["suspects"]]
-    yield from each(names[:_REASONS], verdicts)
+    yield from each(names[:NAMED], verdicts)
     curves = [row for row in rows if row.is_curve]
     known, p = ([v for v in values if v is not None] for values in ([r.deviation for r in rows], [r.p for r in curves]))
     within = "differ by less than the 95 % interval of the difference"
@@ -181,20 +190,6 @@ def _summary(
     for why in dict.fromkeys(found.absent.values()):
         without = ", ".join(name for name, text in found.absent.items() if text == why)
         yield Notice("info", f"{without}: {why}")
-
-
-def _deviations(rows: Sequence[Row]) -> Iterator[Block]:
-    points: dict[str, list[tuple[float, str]]] = {}
-    for row in rows:
-        if row.deviation is not None:
-            points.setdefault(_what(row), []).append((row.deviation, f"{row.experiment}, {row.condition}".rstrip(", ")))
-    caption = (
-        "Each mark is one experiment, in standard uncertainties of its difference, measured minus model; the shaded "
-        "band holds 95 % of them when model and uncertainties are right. Filled diamonds lie outside, "
-        "triangles at the edge farther out."
-    )
-    if points:
-        yield Deviations("Difference over its uncertainty", list(points.items()), caption)
 
 
 def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _OURS = ("calibration", "instruments", "labpipe", "pipelines")
 _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this
-_WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 
 
 class Trouble(NamedTuple):
@@ -56,7 +55,7 @@ class Audit(ShownAsTable):
 
     def _shown(self) -> Shown:
         count = Counter(t.level for t in self.troubles)
-        found = ", ".join(f"{count[level]} {level}" for level in _WEIGHT if count[level])
+        found = ", ".join(f"{count[level]} {level}" for level in ("impossible", "doubtful", "note") if count[level])
         rows = [
             (t.level, t.place, ", ".join(t.experiments), f"{t.message}{f'; {t.cause}' if t.cause else ''}")
             for t in self.troubles
@@ -130,7 +129,7 @@ def doctor(folder: str | Path | None = None) -> Health:
     place = Path(folder if folder is not None else ".")
     if not place.is_dir():
         raise InputError(f"{place} is no folder; name one that exists")
-    versions, is_session = _versions(), (place / FILE_NAME).is_file()
+    (versions, problems), is_session = _installation(place), (place / FILE_NAME).is_file()
     damaged, mistakes = Store(place / "labpipe").check() if is_session else [], list[str]()
     is_sound = is_session and not damaged
     try:
@@ -141,29 +140,26 @@ def doctor(folder: str | Path | None = None) -> Health:
     with warnings.catch_warnings(action="ignore", category=PluginWarning):  # they are listed here
         plugins = tuple(str(plugin) for plugin in (*instruments.added(), *ADDED))
     found = _audit(place) if folder is not None and is_sound else None
-    problems, free = tuple(_problems(place, versions)), shutil.disk_usage(place).free
-    return Health(versions, plugins, free, problems, tuple(mistakes), tuple(damaged), found)
+    free = shutil.disk_usage(place).free
+    return Health(versions, plugins, free, tuple(problems), tuple(mistakes), tuple(damaged), found)
 
 
-def _versions() -> dict[str, str]:
-    found = {"labpipe": __version__, "python": platform.python_version()}
-    required = "\n".join(importlib.metadata.requires("labpipe") or ())
-    for name in re.findall(r"^([\w.-]+)(?!.*extra)", required, re.M):
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "missing"
-    return found
-
-
-def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
-    """Return the problems of the installation: libraries, permission to write, names that clash, room."""
-    found = [f"{name} is not installed; pip install {name}" for name, text in versions.items() if text == "missing"]
+def _installation(folder: Path) -> tuple[dict[str, str], list[str]]:
+    """Return the version of every library, and problems: libraries, permission to write, names that clash, room."""
+    versions, found = {"labpipe": __version__, "python": platform.python_version()}, list[str]()
     for line in importlib.metadata.requires("labpipe") or ():
-        match = re.match(r"([\w.-]+)(?:\[[^]]*\])?>=([\d.]+)(?!.*extra)", line)
-        version = versions.get(match[1], "missing") if match else "missing"
-        if match is not None and version != "missing" and _numbers(version) < _numbers(match[2]):
-            found.append(f"{match[1]} is {version}, needed is {match[2]} or newer; pip install --upgrade {match[1]}")
+        needed = re.match(r"([\w.-]+)(?:\[[^]]*\])?(?:>=([\d.]+))?(?!.*extra)", line)
+        if needed is None:
+            continue
+        name, least = needed[1], needed[2] or ""
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "missing"
+            found.append(f"{name} is not installed; pip install {name}")
+            continue
+        if _numbers(versions[name]) < _numbers(least):
+            found.append(f"{name} is {versions[name]}, needed is {least} or newer; pip install --upgrade {name}")
     try:
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             files.write_bytes(Path(scratch) / "test", b"labpipe")
@@ -177,7 +173,7 @@ def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
     free = shutil.disk_usage(folder).free
     if free < _ROOM_WANTED:
         found.append(f"{folder}: only {free / 1e9:.2f} GB are free; films need more: make room")
-    return found
+    return versions, found
 
 
 def _numbers(version: str) -> tuple[int, ...]:
@@ -189,7 +185,7 @@ def _audit(folder: Path) -> Audit:
 
     Results that the verdicts need are processed first. The engine is loaded here, as the installation may lack it.
     """
-    from labpipe.judging import Finding
+    from labpipe.judging import FLAGS, Finding
     from pipelines.experiments import JUDGEMENT
     from pipelines.session._processing import process
     from pipelines.session._results import STAGES, open_session
@@ -197,26 +193,29 @@ def _audit(folder: Path) -> Audit:
     from pipelines.session._verdicts import WAITING, placed, verdicts_of
 
     session = open_session(folder)
-    found, checks = [("", finding) for finding in unused_files(session)], SESSION_CHECKS
-    judged = [e.name for e in session.experiments.values() if any(s.name == JUDGEMENT for s in STAGES[e.kind])]
-    if judged:
-        # the lines that experiments wait for are among the problems of session.toml
-        run = process(folder, [f"{name}/{JUDGEMENT}" for name in judged])
-        verdicts = [v for v in verdicts_of(run).experiments if v.state != WAITING]
-        checks += sum(v.checks for v in verdicts)
-        found += [(v.experiment, finding) for v in verdicts for finding in v.findings]
-        for v in (v for v in verdicts if v.model == "differs"):
-            differs = Finding("model", "note", "the model differs from the measurement", next(iter(v.suspects), ""))
-            found.append((v.experiment, placed(session, session.experiments[v.experiment], differs)))
     alike: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
-    for name, finding in found:
-        alike.setdefault((finding.file, finding.line, finding.cause or finding.message), []).append((name, finding))
-    rows = []
+
+    def note(name: str, f: Finding) -> None:
+        alike.setdefault((f.file, f.line, f.cause or f.message), []).append((name, f))
+
+    for finding in unused_files(session):
+        note("", finding)
+    checks, rows = SESSION_CHECKS, []
+    judged = [e.name for e in session.experiments.values() if any(s.name == JUDGEMENT for s in STAGES[e.kind])]
+    verdicts = verdicts_of(process(folder, [f"{name}/{JUDGEMENT}" for name in judged])).experiments if judged else ()
+    # the lines that experiments wait for are among the problems of session.toml
+    for v in (v for v in verdicts if v.state != WAITING):
+        checks += v.checks
+        for finding in v.findings:
+            note(v.experiment, finding)
+        if v.model == "differs":
+            differs = Finding("model", "note", "the model differs from the measurement", next(iter(v.suspects), ""))
+            note(v.experiment, placed(session, session.experiments[v.experiment], differs))
     for pairs in alike.values():
-        worst = max((f for _, f in pairs), key=lambda f: _WEIGHT[f.level])
+        worst = max((f for _, f in pairs), key=lambda f: FLAGS.get(f.level, 0))
         names = tuple(dict.fromkeys(name for name, _ in pairs if name))
         titles = tuple(dict.fromkeys(f.check for _, f in pairs))
         place = (worst.file, worst.line, worst.value, worst.place)
         rows.append(Trouble(worst.level, names, titles, worst.message, worst.cause, *place))
-    rows.sort(key=lambda t: (-_WEIGHT[t.level], -len(t.experiments), -len(t.checks)))
+    rows.sort(key=lambda t: (-FLAGS.get(t.level, 0), -len(t.experiments), -len(t.checks)))
     return Audit(tuple(rows), checks, stated_as_exact(session))

@@ -17,7 +17,7 @@ from labpipe.workflow.store import AMENDED, Store, key_of
 from pipelines import experiments
 from pipelines.experiments import Picture
 from pipelines.session._results import key_numbers
-from pipelines.session._session_checks import unused_files
+from pipelines.session._session_checks import NAMED, unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
 BESIDE, AND = "beside-", "--"
 """The beginning of the names of pages of two experiments, and the sign between these."""
-_REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
 _BY_ITSELF = "By what it records alone: "
 
@@ -85,7 +84,7 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         bad = [name for name, one in own.items() if one.believable != "yes" or one.model == "differs"]
         # those on which others rest come first
         bad.sort(key=lambda name: -sum(name in other.refers_to for other in session.experiments.values()))
-        answer += each(bad[:_REASONS], own)
+        answer += each(bad[:NAMED], own)  # of more the rows say it
     answer += [Notice("info", as_sentence(note)) for note in notes]
     if (session.folder / COMPARISON_PAGE).is_file():
         remark = "all experiments in one table, as of the last labpipe compare"
@@ -101,7 +100,9 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         numbers = [key_numbers(results, name) for name in names]
         columns = []
         for title, unit in dict.fromkeys((title, one[title][2]) for one in numbers for title in one):
-            values, us, _ = zip(*(one.get(title, (None, None, "")) for one in numbers), strict=True)
+            gaps = (_absent(results, name, title) for name in names)
+            found = [one.get(title, (gap, None, "")) for one, gap in zip(numbers, gaps, strict=True)]
+            values, us, _ = zip(*found, strict=True)
             columns.append(Listed(title, values, unit, us if any(us) else None))
         table = experiments_table(rows, columns, caption if len(rows) > 1 else "")
         sections.append(Section(experiments.KINDS[kind].title, (table,)))
@@ -120,6 +121,13 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     about = f"{done} of {n} experiments done"
     about = f"recorded by {session.operator} · {about}" if session.operator else about
     return Document(session.title, about, "synthetic data" if session.synthetic else "", tuple(sections)).render()
+
+
+def _absent(results: Results, name: str, title: str) -> str | None:
+    """Return why an experiment has no key number although its result is there; else its state says it."""
+    kind = experiments.KINDS[results.experiments[name].kind]
+    numbers = (number for number in kind.key_numbers if number.title == title)
+    return next((one.absent for one in numbers if results.first(name, one.stage) is not None), None)
 
 
 def experiments_table(
@@ -238,15 +246,15 @@ def _amended(page: str, one: Verdict) -> str:
     from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
     from pipelines.session._verdict_notices import LEVELS, as_sentence
 
-    cut = len(one.findings) - one.n_of_session
-    for finding in one.findings[:cut]:
+    own = [f for f in one.findings if str(escape(with_minus(f.message))) in page]
+    for finding in own:
         if finding.setting and finding.place:
             for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
                 page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
     notices = []
     if one.model == "differs" and one.suspects and str(escape(one.suspects[0].partition(" (")[0])) not in page:
         notices.append(Notice("info", with_minus(f"Compared with the whole session: {one.suspects[0]}.")))
-    for found in one.findings[cut:]:
+    for found in (f for f in one.findings if f not in own):
         level: Any = LEVELS.get(found.level, "info")
         place = f" ({found.place})" if found.place else ""
         cause = f" {as_sentence(found.cause)}" if found.cause else ""
@@ -255,5 +263,5 @@ def _amended(page: str, one: Verdict) -> str:
         notices.append(Notice(level, with_minus(told)))
     if not notices:
         return page
-    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.findings[:cut])
+    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in own)
     return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

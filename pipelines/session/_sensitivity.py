@@ -35,7 +35,6 @@ from pipelines.experiments.shared.pages import session_document, synthetic_notic
 from pipelines.session._processing import processed_for
 from pipelines.session._results import derive, reopen_session
 
-_BEST = 20.0  # factor beyond which nothing of an uncertainty may remain
 _SAME = 0.05  # of the variance: shares that differ by less are equal
 
 
@@ -150,7 +149,7 @@ def _reduction(shares: dict[str, float]) -> str:
     names, factor = inputs_to_halve(shares)
     *others, last = map(shown_source, names)
     text = f"{', '.join(others)} and {last}" if others else last
-    size = "to nothing" if isinf(factor) or factor > _BEST else f"{factor:.2g} times"
+    size = "to nothing" if isinf(factor) else f"{factor:.2g} times"
     return f"reduce the uncertainty of {text} {size}"
 
 
@@ -164,7 +163,7 @@ def answer(found: Sequence[Examined]) -> tuple[Block, ...]:
         return (Paragraph("Nothing is uncertain."),)
     groups: dict[str, list[Examined]] = {}
     for each in uncertain:
-        groups.setdefault(each.quantity.family or each.quantity.name, []).append(each)
+        groups.setdefault(each.quantity.family, []).append(each)
     rows = []
     for name, group in groups.items():
         shares = pd.DataFrame([e.shares for e in group]).fillna(0.0).mean().sort_values(ascending=False)

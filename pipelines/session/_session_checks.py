@@ -6,41 +6,37 @@ laboratory gave its files. None opens a recording: digests are those of the run.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot, inf, log
+from math import hypot, log
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import LabpipeError
-from labpipe.units import Quantity
+from labpipe.units import ZERO_CELSIUS, Quantity
 from labpipe.workflow.document import counted
 from labpipe.workflow.exclusions import exclusions, files_of
 from labpipe.workflow.fields import every_setting
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store
-from pipelines.experiments.shared.exact_values import exact_values
+from pipelines.experiments.shared.exact_values import exact_values, usual_uncertainty
 from pipelines.session._gaps import library_names
 from pipelines.session._recognition import recognised_below
 
 if TYPE_CHECKING:
-    from calibration.record import Record
     from labpipe.judging import Finding, Level
 
 TWO_VALUES = "one body, two values"
 CONFIGURATION = ".toml"
 """Ending of records and materials: those are meant to serve several experiments."""
-_APART, _SAME = 4.0, 2.0
-"""Standard uncertainties between two values of one thing that differ, and within which they are one."""
-_EXACT = 1e-4  # relative uncertainty of a value that is stated without one
+NAMED, SEVERAL = 5, 3
+"""Names that are read in a sentence, more are counted; and experiments that are not alike by chance."""
 _SLIP = 0.01  # tolerance of the logarithm of a ratio that is a typing error's factor
-_NEAR, _SEVERAL = 0.1, 3
-"""Relative difference of a value that is nearly that of others, and the fewest others that make a value usual."""
-_CONDITIONS, _DECIMAL = ("height", "temperature", "T_ref"), 10.0
-"""Endings of quantities that are chosen for each experiment, and the factor of a misplaced decimal point."""
-_KELVIN = 273.15
-_MOST_NAMES = 3  # in a sentence; more of them are counted
+_NEAR = 0.1  # relative difference of a value that is nearly that of others
+_CONDITIONS = ("height", "temperature", "T_ref")
+"""Endings of quantities that are chosen for each experiment, and differ by a misplaced decimal point alone."""
 _OF_RECORD = {
     "it expired": "valid_until",
     "was not yet valid": "valid_from",
@@ -125,7 +121,7 @@ def unused_files(session: Session) -> list[Finding]:
         alike = ((name, o) for name, o, path in pairs if o.path.stat().st_size == path.stat().st_size)
         same = ((name, o.name) for name, o in alike if index.digest(o.path) == index.digest(session.files / name))
         twin = next((f"{name} holds the same bytes as {other}: a copy that can go" for name, other in same), "")
-        shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
+        shown = ", ".join(names[:NAMED]) + (f" and {n - NAMED} more" if n > NAMED else "")
         text = f"no experiment uses {shown} ({title}{f', {n} files' if n > 1 else ''})"
         cause = twin or "an experiment lacks a recording, or the file can go"
         found.append(_finding("files that no experiment uses", text, cause, names[0], level="note"))
@@ -134,13 +130,14 @@ def unused_files(session: Session) -> list[Finding]:
 
 def of_record(session: Session, finding: Finding) -> Finding:
     """Let a step that a calibration record stopped point at that record and its line."""
-    if 'record "' not in finding.message:
-        return finding
-    for named in named_files(session):
-        record = _record(named.path) if named.path.suffix == CONFIGURATION else None
-        if record is not None and f'record "{record.id}"' in finding.message:
-            key = next((key for words, key in _OF_RECORD.items() if words in finding.message), "id")
-            return replace(finding, file=named.name, setting=key)
+    from calibration.record import load_record
+
+    for named in named_files(session) if 'record "' in finding.message else ():
+        # a file of a material is none; mistakes of a record are named by its experiment
+        with contextlib.suppress(LabpipeError):
+            if named.path.suffix == CONFIGURATION and f'record "{load_record(named.path).id}"' in finding.message:
+                key = next((key for words, key in _OF_RECORD.items() if words in finding.message), "id")
+                return replace(finding, file=named.name, setting=key)
     return finding
 
 
@@ -154,15 +151,6 @@ def _finding(
 
 def _field(setting: str) -> str:
     return re.sub(r"\[\d+\]", "", setting)
-
-
-def _record(path: Path) -> Record | None:
-    from calibration.record import load_record
-
-    try:
-        return load_record(path)
-    except LabpipeError:  # a file of a material; or a record whose mistakes its experiment names
-        return None
 
 
 def _twice(session: Session) -> _Owned:
@@ -203,7 +191,7 @@ def _bodies(session: Session) -> _Owned:
             others = [
                 (j, other.name, theirs[name])
                 for j, (other, _, materials, theirs) in enumerate(found)
-                if other is not e and materials & sources and _distance(theirs[same], sizes[same]) <= _SAME
+                if other is not e and materials & sources and _is_same(theirs[same], sizes[same])
             ]
             own, usual = sizes[name], _usual(sizes[name], [pair for _, *pair in others])
             if usual is None or (len(others) == 1 and others[0][0] > i):  # of two the later one is named
@@ -228,7 +216,7 @@ def unusual_values(session: Session, name: str) -> list[str]:
     """
     found, lines = [], session.experiments[name].lines
     for setting, own, usual, owners in _unusual(session.without_variants(), name):
-        if setting.endswith(_CONDITIONS) and _slip(own, usual) < _DECIMAL:
+        if setting.endswith(_CONDITIONS) and _slip(own, usual) < 10.0:
             continue
         where = owners[0] if len(owners) == 1 else f"{len(owners)} other experiments"
         here = f"{setting} is {_written(own)} here (line {lines[setting]} of {FILE_NAME})"
@@ -251,7 +239,7 @@ def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quant
             (e, v) for e, values in stated.items() for s, v in values.items() if _field(s).split(".")[-2:] == place
         ]
         if (usual := _usual(own, others)) is not None:
-            yield setting, own, usual[1], list(dict.fromkeys(e for e, v in others if _distance(usual[1], v) <= _SAME))
+            yield setting, own, usual[1], list(dict.fromkeys(e for e, v in others if _is_same(usual[1], v)))
 
 
 def _mistyped(session: Session) -> _Owned:
@@ -261,7 +249,7 @@ def _mistyped(session: Session) -> _Owned:
             first, second = (f"{value.value:.3e}" for value in (own, usual))
             is_exchanged = sorted(first) == sorted(second) and first[-3:] == second[-3:]
             is_near = abs(own.value - usual.value) < _NEAR * abs(usual.value)
-            if len(owners) < _SEVERAL or setting.endswith(_CONDITIONS) or not (is_exchanged or is_near):
+            if len(owners) < SEVERAL or setting.endswith(_CONDITIONS) or not (is_exchanged or is_near):
                 continue
             text = f"{setting} is {_written(own)} here and {_written(usual)} in {len(owners)} other experiments"
             cause = f"{setting} is probably {_written(usual)}" + ": its digits are exchanged" * is_exchanged
@@ -276,17 +264,18 @@ def _sources(settings: Any) -> Iterator[str]:
         yield from [source for source in given if isinstance(source, str)][:1]
 
 
-def _distance(a: Quantity, b: Quantity) -> float:
-    """Return the distance of two stated values in standard uncertainties."""
-    u = hypot(a.u or _EXACT * a.value, b.u or _EXACT * b.value)
-    return abs(a.value - b.value) / u if u else inf
+def _is_same(a: Quantity, b: Quantity, within: float = 2.0) -> bool:
+    """Return whether two stated values are one within some of their standard uncertainties, or usual ones."""
+    return abs(a.value - b.value) <= within * hypot(a.u or usual_uncertainty(a), b.u or usual_uncertainty(b))
 
 
 def _usual(own: Quantity, values: Sequence[Sequence[Any]]) -> tuple[str, Quantity] | None:
     """Return the value, with its owner, with which more than half of some others agree; None where the own does too."""
+    from labpipe.judging import DOUBTFUL
+
     for owner, usual in values:
-        if 2 * sum(_distance(usual, value) <= _SAME for _, value in values) > len(values):
-            return None if _distance(own, usual) <= _APART else (owner, usual)
+        if 2 * sum(_is_same(usual, value) for _, value in values) > len(values):
+            return None if _is_same(own, usual, DOUBTFUL) else (owner, usual)
     return None
 
 
@@ -336,11 +325,12 @@ def _temperatures(session: Session) -> _Owned:
                 continue
             number = value.value
             if number < -150.0 or 250.0 <= number <= 400.0:
-                meant = f"{number:g} K = {number - _KELVIN:.4g} °C" if number > 0.0 else f"{number + _KELVIN:.4g} °C"
+                off = -ZERO_CELSIUS if number > 0.0 else ZERO_CELSIUS
+                meant = f"{number:g} K = " * (number > 0.0) + f"{number + off:.4g} °C"
                 text, cause = f"{counted(setting)} is {number:.4g} °C", f"{meant} is meant: its unit is wrong"
                 yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
 
 
 _CHECKS = (_twice, _bodies, _mistyped, _material_names, _temperatures)
-SESSION_CHECKS = len(_CHECKS) + 1
-"""Number of checks of a session as a whole; unused files are one more."""
+SESSION_CHECKS = len((*_CHECKS, unused_files))
+"""Number of checks of a session as a whole."""

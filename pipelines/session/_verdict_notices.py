@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from labpipe.report import Level, Notice
 from pipelines.experiments.shared.judgements import capitalised
+from pipelines.session._session_checks import NAMED
 
 if TYPE_CHECKING:
     from pipelines.session._verdicts import Verdict
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 LEVELS: dict[str, Level] = {"yes": "ok", "doubtful": "warning", "impossible": "error"}
 _WORDS = {"yes": "the record is believable", "unknown": "whether the record is believable is not known"}
 _STALE, _WAITING = "without a verdict that is up to date", "waiting for settings"
-_NAMED = 5  # more experiments than these are not read in a sentence
 
 
 def belief(verdicts: Mapping[str, Verdict], names: Iterable[str], waiting: Iterable[str] = ()) -> Notice:
@@ -46,8 +46,8 @@ def _others(words: Mapping[str, str], shown: Iterable[str]) -> str:
     parts = []
     for word in shown:
         if names := [name for name, own in words.items() if own == word]:
-            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-            parts.append(f"{word}: {', '.join(names[:_NAMED])}{more}")
+            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+            parts.append(f"{word}: {', '.join(names[:NAMED])}{more}")
     return as_sentence("; ".join(parts)) if parts else ""
 
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from textwrap import shorten
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -32,8 +33,9 @@ from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
-from pipelines.session._results import STAGES, opened, reopen_session
+from pipelines.session._results import STAGES, opened
 from pipelines.session._session_checks import (
+    SEVERAL,
     TWO_VALUES,
     named_at,
     named_files,
@@ -53,7 +55,6 @@ VERDICTS = "verdicts.json"
 """Among the results: verdicts by experiment, each with the digest of all that it comes from."""
 _CURVE = "master_curve"
 """Stage whose result is a material that the session has measured."""
-_SEVERAL = 3  # experiments whose models differ for one reason
 _DOCUMENTED = ("check", "level", "message", "cause", "file", "line", "value")
 _LONGEST_LINE = 100  # characters of a line that is shown
 
@@ -65,8 +66,7 @@ class Verdict:
     ``state`` is ``"done"``, ``"failed"``, ``"waiting"`` (for lines of its settings, which are its findings) or ``"not
     processed"``; ``believable`` "yes", "doubtful", "impossible" or "unknown"; ``model`` "agrees", "differs",
     "undecided" or "none". ``checks`` counts those of this experiment, as on its page. ``causes`` explain the findings,
-    the likeliest first, ``suspects`` a model that differs, or say why it cannot be held against the record. The last
-    ``n_of_session`` findings follow from the session as a whole.
+    the likeliest first, ``suspects`` a model that differs, or say why it cannot be held against the record.
     """
 
     experiment: str
@@ -78,7 +78,6 @@ class Verdict:
     checks: int = 0
     causes: tuple[str, ...] = ()
     suspects: tuple[str, ...] = ()
-    n_of_session: int = 0
 
     @property
     def cause(self) -> str:
@@ -90,9 +89,8 @@ class Verdict:
 
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        made: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self)) | {"findings": _documents(self.findings)}
-        del made["n_of_session"]
-        return made
+        plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
+        return plain | {"findings": _documents(self.findings)}
 
     def __getitem__(self, name: str) -> Any:
         """Return a field as in the JSON of ``process``, so that one code reads both."""
@@ -136,12 +134,7 @@ def verdicts_of(run: RunResult) -> Verdicts:
     failures: dict[str, list[Failed]] = {outcome.experiment: [] for outcome in run.outcomes}
     for o in run.failures:
         failures[o.experiment].append(Failed(o.stage, o.recording, o.message, o.is_of_run, o.reason))
-    results = opened(session.root) if run.plan is None else Results(run.plan)
-    known = stored_verdicts(results)
-    made = [_one(results, session.experiments[name], some) for name, some in failures.items() if name not in known]
-    new = {v.experiment: v for v in _with_session(results, made)}
-    _keep(results, {n: v for n, v in new.items() if failures[n] and not any(f.is_of_run for f in failures[n])})
-    known |= new
+    known = stored_verdicts(opened(session.root) if run.plan is None else Results(run.plan), failures)
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
     return Verdicts(session.root, (*found, *waiting_verdicts(session).values()), tuple(unused_files(session)))
 
@@ -165,47 +158,38 @@ def waiting_verdicts(session: Session) -> dict[str, Verdict]:
     return found
 
 
-def stored_verdicts(results: Results) -> dict[str, Verdict]:
-    """Return the verdicts of a session that are there and up to date; no experiment is judged anew.
+def stored_verdicts(
+    results: Results, failures: Mapping[str, Sequence[Failed]] = MappingProxyType({})
+) -> dict[str, Verdict]:
+    """Return the verdicts of a session that are there and up to date, and those on experiments with ``failures``.
 
     They are kept with the results, each under a digest of all that it comes from, so that reading
     them again takes neither NumPy nor the files of the results. Of an experiment of which a step
-    failed, and would fail again, only the kept verdict is known.
+    failed, and would fail again, only the kept verdict is known. No other is judged anew.
     """
-    session = results.plan.session
+    session, path = results.plan.session, Store(results.plan.session.folder).root / VERDICTS
     judged = {row.experiment: row for row in results.plan.rows if row.stage == JUDGEMENT and row.state in READY}
-    _, kept = _kept(results)
-    if not judged and not kept:
+    kept: dict[str, tuple[str, Verdict]] = {}
+    with contextlib.suppress(OSError, msgspec.ValidationError):  # absent or damaged
+        kept = msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, tuple[str, Verdict]])
+    if not judged and not kept and not failures:
         return {}
-    marks = _marks(results)
-    known = {name: one for name, (mark, one) in kept.items() if marks.get(name) == mark}
-    made = [
-        _of_result(session, session.experiments[name], "done", result)
-        for name, row in judged.items()
-        if name not in known and (result := results.up_to_date(row)) is not None
-    ]
+    marks, made, lasting = _marks(results), list[Verdict](), set[str]()
+    kept = {name: one for name, one in kept.items() if marks.get(name) == one[0]}
+    for name in (name for name in session.experiments if name not in kept):
+        failed = failures.get(name, ())
+        if name in judged and (result := results.up_to_date(judged[name])) is not None:
+            made.append(_of_result(session, session.experiments[name], "done", result))
+            lasting.add(name)
+        elif name in failures:
+            made.append(_one(results, session.experiments[name], failed))
+            lasting |= {name} if failed and not any(f.is_of_run for f in failed) else set()
     new = {v.experiment: v for v in _with_session(results, made)}
-    _keep(results, new)
-    return {name: one for name in session.experiments if (one := new.get(name) or known.get(name)) is not None}
-
-
-def _kept(results: Results) -> tuple[Path, dict[str, tuple[str, Verdict]]]:
-    """Return the file of kept verdicts, and by experiment its mark and verdict; none where it is absent or damaged."""
-    path = Store(results.plan.session.folder).root / VERDICTS
-    try:
-        return path, msgspec.convert(files.unseal(path.read_bytes()) or {}, dict[str, tuple[str, Verdict]])
-    except (OSError, msgspec.ValidationError):
-        return path, {}
-
-
-def _keep(results: Results, verdicts: Mapping[str, Verdict]) -> None:
-    """Keep verdicts in addition to those that are still true."""
-    if verdicts:
-        marks, (path, known) = _marks(results), _kept(results)
-        kept = {name: one for name, one in known.items() if marks.get(name) == one[0]}
-        kept |= {name: (marks[name], one) for name, one in verdicts.items()}
+    if lasting:
+        kept |= {name: (marks[name], new[name]) for name in lasting}
         with contextlib.suppress(StorageError):  # it only saves time
             files.write_bytes(path, files.seal(msgspec.to_builtins(dict(sorted(kept.items())))))
+    return {name: new[name] if name in new else kept[name][1] for name in session.experiments if name in new | kept}
 
 
 def _marks(results: Results) -> dict[str, str]:
@@ -231,12 +215,10 @@ def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False)
 
     While the others are being processed, findings that compare it with them come later.
     """
-    known = {} if is_running else stored_verdicts(opened(folder))
-    if experiment in known:
-        return known[experiment]
-    session = reopen_session(folder)
-    results = opened(session.root, [experiment])
-    return _with_session(results, [_one(results, session.experiments[experiment], ())])[0]
+    if not is_running:
+        return stored_verdicts(opened(folder), {experiment: ()})[experiment]
+    results = opened(folder, [experiment])
+    return _with_session(results, [_one(results, results.experiments[experiment], ())])[0]
 
 
 def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
@@ -316,6 +298,7 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
     """Add the findings of the session as a whole to the verdicts on its experiments, and its suspects."""
     made, session = list(verdicts), results.plan.session
     found = session_findings(session) if made else {}
+    common = _in_common(results) if any(one.model == "differs" for one in made) else {}
     for i, one in enumerate(made):
         experiment = session.experiments[one.experiment]
         more = [placed(session, experiment, f) for f in found.get(one.experiment, ())]
@@ -323,9 +306,10 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
         extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
         is_worse = one.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
         believable = "doubtful" if is_worse else one.believable
-        suspects = _suspects(results, experiment, one) if one.model == "differs" else one.suspects
-        findings = (*one.findings, *extra)
-        made[i] = replace(one, believable=believable, findings=findings, suspects=suspects, n_of_session=len(extra))
+        suspects, findings = one.suspects, (*one.findings, *extra)
+        if one.model == "differs":
+            suspects = (*common.get(one.experiment, ()), *_suspects(results, experiment, one))
+        made[i] = replace(one, believable=believable, findings=findings, suspects=suspects)
     return tuple(made)
 
 
@@ -337,8 +321,7 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
     from pipelines.experiments.shared.judgements import suspected
 
     stage = next(s for s in KINDS[experiment.kind].stages if s.name == JUDGEMENT)
-    own = _texts(experiment)
-    rows = [row for row in results.plan.rows if row.stage == _CURVE and row.experiment not in own]
+    rows = [row for row in results.plan.rows if row.stage == _CURVE and row.experiment not in experiment.refers_to]
     curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row)) is not None}
     result = results.first(experiment.name, JUDGEMENT)
     if curves and hasattr(function(stage.function), "inputs"):  # made by judging(), which takes others
@@ -347,27 +330,23 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
     unusual = unusual_values(results.plan.session, experiment.name)
     told = [_with_line(text, experiment) for text in (one.suspects if result is None else suspected(result))]
     is_explained = result is None or result.attrs.get("is_explained", 1)  # one of earlier code may be kept
-    told = [*told, *unusual] if is_explained else [*unusual, *told]
-    return (*_in_common(results, own), *told)
+    return (*told, *unusual) if is_explained else (*unusual, *told)
 
 
-def _in_common(results: Results, named: Collection[str]) -> Iterator[str]:
-    """Name an experiment or a record that several experiments name, of which all differ, and no other does."""
+def _in_common(results: Results) -> dict[str, tuple[str]]:
+    """Name to experiments that differ an experiment or a record that all of them name, and no other that agrees."""
     judged = {r.experiment: one for r in results.plan.rows if r.stage == JUDGEMENT and (one := results.up_to_date(r))}
     differ = {name for name, one in judged.items() if one.attrs["model"] == "differs"}
-    users = {text: set[str]() for text in named}
+    users: dict[str, set[str]] = {}
     for name in (name for name, one in judged.items() if one.attrs["model"] in ("agrees", "differs")):
-        for text in _texts(results.experiments[name]) & users.keys():
-            users[text].add(name)
-    if common := [text for text, some in users.items() if some == differ and len(some) >= _SEVERAL]:
-        names = " or ".join(sorted(common))
-        yield f"all {len(differ)} experiments that name {names} differ and no other: it is probably wrong itself"
-
-
-def _texts(experiment: Experiment) -> set[str]:
-    """Return the experiments and files that an experiment names."""
-    texts = (text for _, text, _ in every_setting(experiment.settings) if isinstance(text, str))
-    return {text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE) or "/" in text}
+        texts = (text for _, text, _ in every_setting(results.experiments[name].settings) if isinstance(text, str))
+        for text in (text for text in texts if text.startswith(REFERENCE) or "/" in text):
+            users.setdefault(text.removeprefix(REFERENCE), set()).add(name)
+    common = sorted(text for text, some in users.items() if some == differ)
+    if len(differ) < SEVERAL or not common:
+        return {}
+    text = f"all {len(differ)} experiments that name {' or '.join(common)} differ and no other: it is probably wrong"
+    return dict.fromkeys(differ, (f"{text} itself",))
 
 
 def _with_line(text: str, experiment: Experiment) -> str:

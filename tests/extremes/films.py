@@ -1,7 +1,7 @@
 """Extreme films: subsets and contacts in saturated, empty and noisy images.
 
 Patterns are sums of waves, moved in their phase, so that every pixel follows from the formula.
-Contacts follow from the springs of Hertz's contact, as in :mod:`pipelines.bench.contact_radius`.
+Contacts are those of Hertz, as in :mod:`tests.labpipe.imaging.fringe_film`.
 """
 
 from collections.abc import Mapping
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from labpipe import imaging
 from labpipe.arrays import Floats
-from pipelines.bench.contact_radius import Scene, make_image
 from tests.extremes.inputs import Random, laid_out
 from tests.extremes.outcome import Case, Outcome, silently, worst
+from tests.labpipe.imaging.fringe_film import Scene, clean_image
 
 Film = NDArray[Any]
 
@@ -121,26 +121,26 @@ def film_without_pattern(random: Random) -> Outcome:
     return Outcome(np.inf if np.any(told & ~(u > 1.0)) else 0.0, f"{kind}: a displacement")
 
 
-_SCENE = Scene(rows=112, columns=128, radius=110e-6, centre=(63.3, 55.2), pixel=4e-6)
+_SCENE = Scene(rows=112, columns=128, pixel_size=4e-6)
 
 
 def seen_contact(random: Random) -> Outcome:
     """Contacts of any size and place, dim to saturated light, noise, one frame: within 8 u."""
+    radius = random.uniform(60e-6, 150e-6)
+    centre = float(random.uniform(50.0, 78.0)), float(random.uniform(44.0, 68.0))
     scene = replace(
         _SCENE,
-        radius=random.uniform(60e-6, 150e-6),
-        centre=(float(random.uniform(50.0, 78.0)), float(random.uniform(44.0, 68.0))),
-        sphere=10 ** random.uniform(-2.2, -1.7),
-        slope=float(random.choice([0.0, random.uniform(-0.2, 0.2)])),
+        sphere_radius=10 ** random.uniform(-2.2, -1.7),
+        slope_x=float(random.choice([0.0, random.uniform(-0.2, 0.2)])),
     )
     light = float(random.choice([1.0, random.uniform(0.3, 1.4)]))
     noise = 10 ** random.uniform(-1, 1)
     count = int(random.choice([1, 2]))
-    image = make_image(scene) * light
+    image = clean_image(scene, radius, centre) * light
     film = image + noise * random.standard_normal((count, *image.shape))
     frames = _as_camera(random, film, "uint8")
     with silently():
-        found = imaging.contact_radius(frames, scene.pixel, scene.sphere, scene.wavelength)
+        found = imaging.contact_radius(frames, scene.pixel_size, scene.sphere_radius, scene.wavelength)
     fitted = (found["method"].values == 1) | (found["method"].values == 5)
     if not found["in_contact"].values.all():
         return (
@@ -148,9 +148,9 @@ def seen_contact(random: Random) -> Outcome:
             if noise > 0.15 * 120 * light
             else Outcome(np.inf, "a contact was not seen")
         )
-    error = np.abs(found["radius"].values - scene.radius)
+    error = np.abs(found["radius"].values - radius)
     # What an edge says is an estimate, whose uncertainty is stated as such.
-    allowed = 8.0 * found["u_radius"].values + np.where(fitted, 0.1, 1.0) * scene.pixel
+    allowed = 8.0 * found["u_radius"].values + np.where(fitted, 0.1, 1.0) * scene.pixel_size
     return Outcome(float(np.nanmax(error / allowed)), "a radius by 8 u and 0.1 px")
 
 

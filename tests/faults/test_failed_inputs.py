@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from labpipe.workflow.results import RunResult
-from pipelines.rig.samples import laser_record
+from pipelines.rig.session_text import laser_record
 from pipelines.session import SETTINGS, process
 
 SPHERE = 'sphere = { radius = "9.5 mm", mass = "0.5 kg", material = "acrylic" }\n'

@@ -20,9 +20,8 @@ import pytest
 
 from labpipe import files, materials
 from pipelines.cli import main
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.session_text import drop_section, laser_record, session_head
 
 MARK = "window.pwned=1"
 SHORT = f"<img src=x onerror={MARK}>"

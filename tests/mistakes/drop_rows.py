@@ -8,9 +8,9 @@ import numpy as np
 
 from labpipe import files, materials
 from labpipe.arrays import Floats
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.samples import STATED_FLOOR
+from pipelines.rig.session_text import drop_section, laser_record, session_head
 from tests.mistakes.recordings import ALL, HEAD, Edit, cells, header, setting, values
 from tests.mistakes.rows import Mistake
 

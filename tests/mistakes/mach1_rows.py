@@ -8,9 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from labpipe import files, materials
-from pipelines.rig.indentation_session import oscillation_section, relaxation_section
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.indentations import (
+    TESTER,
+    Harmonic,
+    Relaxation,
+    Specimen,
+    oscillation_section,
+    relaxation_section,
+    write_harmonic,
+    write_relaxation,
+)
 from pipelines.rig.session_text import cell_record, session_head
 from tests.mistakes.recordings import Edit, setting
 from tests.mistakes.rows import Mistake

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from labpipe import files
 from pipelines.rig.campaign import SMALL
+from pipelines.rig.dma import sweeps
 from pipelines.rig.plate import PLATE_RIG
-from pipelines.rig.samples import session_head, sweeps
-from pipelines.rig.session_text import from_dma, plate_laser_record
+from pipelines.rig.session_text import from_dma, plate_laser_record, session_head
 from tests.mistakes.drop_rows import Mistake
 from tests.mistakes.recordings import Edit, header, setting
 from tests.pipelines.small import write_plate

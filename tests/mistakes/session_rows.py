@@ -4,9 +4,9 @@ from datetime import timedelta
 from pathlib import Path
 
 from labpipe import files, materials
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.samples import STATED_FLOOR
+from pipelines.rig.session_text import drop_section, laser_record, session_head
 from tests.mistakes.drop_rows import RECORD, START
 from tests.mistakes.recordings import Edit, setting
 from tests.mistakes.rows import Mistake

@@ -9,6 +9,7 @@ units of their stated standard uncertainties.
 
 import argparse
 import json
+import re
 import sys
 import tempfile
 import warnings
@@ -37,22 +38,26 @@ from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import Body, DropRig, LaserSensor
-from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_session import Bursts, burst_times, front_section, under_section, write_front, write_under
-from pipelines.rig.film_under import UnderCamera
-from pipelines.rig.indentation_session import oscillation_section, relaxation_section
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.drops import Body, DropRig, LaserSensor, write_drops
+from pipelines.rig.film_front import FrontCamera, front_section, write_front
+from pipelines.rig.film_under import Bursts, UnderCamera, burst_times, under_section, write_under
+from pipelines.rig.indentations import (
+    TESTER,
+    Harmonic,
+    Relaxation,
+    Specimen,
+    oscillation_section,
+    relaxation_section,
+    write_harmonic,
+    write_relaxation,
+)
 from pipelines.rig.plate import PLATE_RIG, plate_section, write_ringing
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import (
     cell_record,
     dma_name,
     dma_section,
     drop_section,
-    from_dma,
     front_record,
     laser_record,
     plate_laser_record,
@@ -142,11 +147,8 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     sensor = replace(PLATE_RIG.sensor, inclination=angle)
     rig = replace(PLATE_RIG, floor=floor, sensor=sensor, duration=0.12)
     solid, height = POLYMERS[seed % 4], _HEIGHTS[(seed // 4) % 4]
-    (name,) = write_ringing(folder, "p", rig, solid, height, 1, 1000 * seed, START)
-    table = (
-        f'\n[[experiments.plate.drops]]\nmaterial = "{solid}"\n{from_dma(solid)}'
-        f'height = "{height * 1e3:g} ± 0.005 mm"\nlaser = ["{name}"]\n'
-    )
+    table = write_ringing(folder, rig, solid, height, 1, 1000 * seed, START)
+    (name,) = re.findall(r'"(laser_plate/.*)"', table)
     export = write_dma(folder, dma_name(solid), SOLIDS[solid], SMALL.dma, seed)
     sections = plate_section([table]) + dma_section(dma_name(solid), export, SOLIDS[solid])
     begun(folder, sections, laser_plate=plate_laser_record())
@@ -158,7 +160,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     record = folder / "calibration/laser_plate.toml"
     moved = laser_readings.displacement(readings, record, settings=settings)
     ringing = plate_vibration.ringing(moved, settings=settings)
-    found, known = plate_vibration.table([ringing], settings=settings), truth(folder, "p_1")
+    found, known = plate_vibration.table([ringing], settings=settings), truth(folder, Path(name).stem)
     noted(scores, found, known, ("natural_frequency", "damping_ratio", "amplitude"))
     note(scores, "time of impact", float(ringing["blow_time"]) - known["blow_time"], float(ringing["u_blow_time"]))
     made = plate_vibration_model.plate(found, [curve], settings=settings)

@@ -20,14 +20,18 @@ from labpipe import files
 from pipelines.experiments import KINDS
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import write_dma
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import Body, DropRig, LaserSensor
-from pipelines.rig.film_session import Bursts, burst_times, under_section, write_under
-from pipelines.rig.indentation_session import oscillation_section, relaxation_section
-from pipelines.rig.indentations import Specimen, write_harmonic
-from pipelines.rig.plate import PLATE_RIG, plate_section, write_ringing_of
+from pipelines.rig.drops import Body, DropRig, LaserSensor, write_drops
+from pipelines.rig.film_under import Bursts, burst_times, under_section, write_under
+from pipelines.rig.indentations import (
+    TESTER,
+    Specimen,
+    oscillation_section,
+    relaxation_section,
+    write_harmonic,
+    write_relaxation,
+)
+from pipelines.rig.plate import PLATE_RIG, plate_section, write_ringing
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.relaxations import TESTER, write_relaxation
 from pipelines.rig.samples import STATED_FLOOR
 from pipelines.rig.session_text import (
     cell_record,
@@ -71,7 +75,7 @@ def write_specimens(folder: Path, seed: int, *, drops_only: bool = False) -> Non
         rig = replace(PLATE_RIG, floor=ringing, duration=0.12, **body)
         rig = replace(rig, sensor=replace(rig.sensor, inclination=of_plate))
         rung = [
-            write_ringing_of(folder, rig, name, h, 1, 1000 * seed + 10 * i, START)
+            write_ringing(folder, rig, name, h, 1, 1000 * seed + 10 * i, START)
             for i, (name, h) in enumerate(((polymer, 5e-3), ("ptfe", 10e-3)))
         ]
         text += plate_section(rung)

@@ -5,13 +5,12 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from labpipe import files, materials
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.indentation_session import oscillation_section
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.indentations import Harmonic, Specimen, oscillation_section, write_harmonic
 from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.plate import plate_section, write_ringing_of
-from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
+from pipelines.rig.plate import plate_section, write_ringing
+from pipelines.rig.samples import STATED_FLOOR
+from pipelines.rig.session_text import drop_section, laser_record, session_head
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -38,5 +37,5 @@ def write_plate(
         for place, height in enumerate(heights):
             begun = start + timedelta(minutes=20 * (number * len(heights) + place))
             seed = 90_000 + 1000 * sum(map(ord, material)) + 100 * place
-            drops.append(write_ringing_of(folder, rig, material, height, repeats, seed, begun))
+            drops.append(write_ringing(folder, rig, material, height, repeats, seed, begun))
     return plate_section(drops)

@@ -25,7 +25,13 @@ def test_clashes_old_and_missing_libraries_and_a_folder_without_permission_are_n
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(importlib.metadata, "packages_distributions", lambda: owners)
-    monkeypatch.setattr(_doctor, "_versions", lambda: {"numpy": "1.26.4", "scipy": "missing"})
+
+    def version(name: str) -> str:
+        if name == "numpy":
+            return "1.26.4"
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", version)
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: ["numpy>=2.1", "scipy>=1.15"])
     monkeypatch.setattr(_doctor.files, "write_bytes", refuse)
     code, text = run(tmp_path, "--json")

@@ -129,7 +129,10 @@
     }
     // A difference is judged against 0, unless that lies too far away to show anything beside it.
     if (chart.hasResidual && !isLog && Math.min(Math.abs(low), Math.abs(high)) < 2 * (high - low)) take(0);
-    return widened(low, high, chart.description.yScale, Y_MARGIN);
+    const ends = widened(low, high, chart.description.yScale, Y_MARGIN);
+    // Names of positions stand above the curves.
+    if (chart.description.lines.length > 0) ends[1] = widened(...ends, chart.description.yScale, 2 * Y_MARGIN)[1];
+    return ends;
   };
 
   // ---- drawing ----------------------------------------------------------------------------
@@ -305,10 +308,10 @@
     ctx.globalAlpha = 1;
   };
 
-  /** Names of the curves of a family at their ends, those left out that would cover another. */
+  /** Names of the curves of a family at their ends, beside them where another stands, left out where many do. */
   const drawLabels = (chart, u, project, density) => {
     const { ctx, bbox } = u, taken = [];
-    const family = chart.series.filter((s) => s.isLabelled && s.shown);
+    const family = chart.series.filter((s) => s.isLabelled && s.shown && s.role !== "model");
     ctx.font = `${11 * density}px ${getComputedStyle(document.body).fontFamily}`; ctx.textAlign = "right"; ctx.textBaseline = "bottom";
     // Both ends of the scale first: they say where it begins and where it ends.
     const order = family.map((s, i) => [i === 0 || i === family.length - 1 ? 0 : 1, i, s]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
@@ -319,13 +322,15 @@
       if (i < first) continue;
       const width = ctx.measureText(s.name).width, height = 12 * density;
       const right = Math.max(project.px(s.x[i]), bbox.left + width), bottom = Math.max(project.py(s.y[i]) - 4 * density, bbox.top + height);
-      const box = [right - width, bottom - height, right, bottom];
-      if (taken.some((t) => box[0] < t[2] && t[0] < box[2] && box[1] < t[3] && t[1] < box[3])) continue;
+      const boxAt = (lines) => [right - width, bottom + (lines - 1) * height, right, bottom + lines * height];
+      const isFree = ([a, b, c, d]) => b >= bbox.top && d <= bbox.top + bbox.height && !taken.some((t) => a < t[2] && t[0] < c && b < t[3] && t[1] < d);
+      const box = [0, -1, 1, -2, 2].map(boxAt).find(isFree);
+      if (box === undefined) continue;
       taken.push(box);
       ctx.lineWidth = 3 * density; ctx.setLineDash([]); ctx.lineJoin = "round"; ctx.strokeStyle = colour("--page");
-      ctx.strokeText(s.name, right, bottom);
+      ctx.strokeText(s.name, right, box[3]);
       ctx.fillStyle = inkOf(s);
-      ctx.fillText(s.name, right, bottom);
+      ctx.fillText(s.name, right, box[3]);
     }
   };
 
@@ -433,15 +438,17 @@
 
   const widthOf = (u, key) => Math.abs(u.scales[key].max - u.scales[key].min);
 
-  /** The curve of those shown on hover that passes nearest to the pointer; "" where there is none. */
-  const nearestName = (chart) => {
+  /** The curve of some that passes nearest to the pointer; undefined where there is none. */
+  const nearest = (chart, among) => {
     const u = chart.plot, { left, top } = u.cursor;
-    if (!(left >= 0)) return "";
-    let best = "", smallest = Infinity;
-    for (const s of chart.series) {
-      if (!s.onHover || !s.shown) continue;
-      const away = Math.abs(u.valToPos(s.y[nearestAlong(s, u.posToVal(left, "x"))], "y") - top);
-      if (away < smallest) { smallest = away; best = s.name; }
+    if (!(left >= 0)) return undefined;
+    let best = undefined, smallest = Infinity;
+    for (const s of among) {
+      if (!s.shown) continue;
+      const i = chart.isPlane ? nearestInPlane(chart, s, left, top) : nearestAlong(s, u.posToVal(left, "x"));
+      const dx = chart.isPlane && i >= 0 ? u.valToPos(s.x[i], "x") - left : 0;
+      const away = i < 0 ? Infinity : Math.hypot(u.valToPos((s.y ?? s.high)[i], "y") - top, dx);
+      if (away < smallest) { smallest = away; best = s; }
     }
     return best;
   };
@@ -452,7 +459,7 @@
     isRedrawDue = true;
     requestAnimationFrame(() => {
       isRedrawDue = false;
-      const name = pointed.chosen !== "" && pointed.plot.cursor.left >= 0 ? pointed.chosen : nearestName(pointed);
+      const name = pointed.chosen !== "" && pointed.plot.cursor.left >= 0 ? pointed.chosen : nearest(pointed, pointed.series.filter((s) => s.onHover))?.name ?? "";
       for (const chart of companions(pointed)) {
         if (chart.plot === null || chart.lit === name) continue;
         chart.lit = name;
@@ -473,17 +480,18 @@
     return { along: x, of: (values) => between(values, values === s.u ? "linear" : height) };
   };
 
-  const hoverOne = (chart, s, left, top) => {
+  const hoverOne = (chart, s, left, top, near) => {
     const u = chart.plot;
-    if (s.onHover && s.name !== chart.lit) { s.mark.style.display = "none"; return; }
+    if ((s.onHover && s.name !== chart.lit) || (s.isLabelled && !near.includes(s))) { s.mark.style.display = "none"; return; }
     const i = chart.isPlane ? nearestInPlane(chart, s, left, top) : nearestAlong(s, u.posToVal(left, "x"));
     if (i < 0 || s.x.length === 0 || !s.shown) { s.value.textContent = ""; s.mark.style.display = "none"; return; }
     const say = (v) => readout(v, widthOf(u, "y"));
     const { along, of } = placeOn(chart, s, i, u.posToVal(left, "x"));
-    if (s.low !== null) { s.value.textContent = `${say(of(s.low))} … ${say(of(s.high))}`; return; }
+    const whose = s.onHover || s.isLabelled ? `${s.name}: ` : "";
+    if (s.low !== null) { s.value.textContent = `${whose}${say(of(s.low))} … ${say(of(s.high))}`; return; }
     const value = of(s.y), spread = s.u === null ? NaN : of(s.u);
     const error = spread === spread ? ` ± ${say(spread)}` : "";
-    s.value.textContent = (s.onHover ? `${s.name}: ` : "") + (chart.isPlane ? `(${readout(along, widthOf(u, "x"))}, ${say(value)})` : say(value)) + error;
+    s.value.textContent = whose + (chart.isPlane ? `(${readout(along, widthOf(u, "x"))}, ${say(value)})` : say(value)) + error;
     const x = u.valToPos(along, "x"), y = u.valToPos(value, "y");
     const isInside = x >= 0 && x <= u.over.clientWidth && y >= 0 && y <= u.over.clientHeight;
     s.mark.style.display = isInside ? "block" : "none";
@@ -497,8 +505,9 @@
     const along = chart.plot.posToVal(left, "x"), isDay = chart.description.xScale === "day";
     chart.flag.textContent = isAway || chart.isPlane ? "" : isDay ? dayText(Math.round(along)) : readout(along, widthOf(chart.plot, "x"));
     chart.flag.style.transform = `translateX(calc(${left}px - 50%))`;
+    const near = isAway ? [] : families(chart).map((family) => nearest(chart, family));
     for (const s of chart.series) {
-      if (isAway) { s.value.textContent = ""; s.mark.style.display = "none"; } else hoverOne(chart, s, left, top);
+      if (isAway) { s.value.textContent = ""; s.mark.style.display = "none"; } else hoverOne(chart, s, left, top, near);
     }
     if (chart === pointed) light();
   };
@@ -526,7 +535,7 @@
   const entry = (chart, s, text, isOn, turn) => {
     const button = document.createElement("button"), name = document.createElement("span");
     const value = document.createElement("span");
-    value.className = s.style === "band" || s.onHover || chart.isPlane ? "value value-wide" : "value";
+    value.className = s.style === "band" || s.onHover || s.isLabelled || chart.isPlane ? "value value-wide" : "value";
     name.textContent = text;
     button.type = "button";
     button.setAttribute("aria-pressed", String(isOn()));
@@ -541,14 +550,24 @@
     return value;
   };
 
+  /** Curves on a scale of colours, by their role. */
+  const families = (chart) => {
+    const groups = new Map();
+    for (const s of chart.series.filter((one) => one.isLabelled)) groups.set(s.role + s.style, [...(groups.get(s.role + s.style) ?? []), s]);
+    return [...groups.values()];
+  };
+
   const buildLegend = (chart) => {
     chart.figure.querySelector(".chart-legend").replaceChildren();
-    const crowd = chart.series.filter((s) => s.onHover), family = chart.series.filter((s) => s.isLabelled);
-    // A family is a scale of colours with a name at each of its curves: one entry stands for all.
-    for (const s of family) s.value = document.createElement("span");
-    if (family.length > 0) {
-      const ends = family.length > 1 ? `${family[0].name} to ${family.at(-1).name} (blue to red), ${family.length} curves` : family[0].name;
-      entry(chart, family.at(-1), ends, () => family[0].shown, () => { for (const s of family) s.shown = !s.shown; });
+    const crowd = chart.series.filter((s) => s.onHover);
+    // A family is a scale of colours with a name at each of its curves: one entry stands for all of a role.
+    for (const family of families(chart)) {
+      const [first, last] = [family[0].name, family.at(-1).name], comma = first.indexOf(", ");
+      const tail = comma > 0 && family.every((s) => s.name.endsWith(first.slice(comma))) ? first.slice(comma) : "";
+      const bare = (name) => name.slice(0, name.length - tail.length);
+      const ends = family.length > 1 ? `${bare(first)} to ${bare(last)}${tail} (blue to red), ${family.length} curves` : first;
+      const value = entry(chart, family.at(-1), ends, () => family[0].shown, () => { for (const s of family) s.shown = !s.shown; });
+      for (const s of family) s.value = value;
     }
     for (const s of chart.series) {
       if (s.onHover || s.isLabelled) continue;

@@ -25,6 +25,14 @@
     button.addEventListener("click", () => sortBy(button.closest("table"), button.closest("th")));
   }
 
+  // On a narrow screen a row is a card, whose cells say what they are.
+  for (const table of document.querySelectorAll("table.cards")) {
+    const titles = [...table.tHead.rows[0].cells].map((heading) => heading.textContent.trim());
+    for (const row of table.tBodies[0].rows) {
+      for (const cell of row.cells) if (cell.cellIndex > 0 || cell.className === "number") cell.dataset.title = titles[cell.cellIndex];
+    }
+  }
+
   for (const gallery of document.querySelectorAll(".gallery")) {
     const frames = [...gallery.querySelectorAll(".frame")];
     const slider = gallery.querySelector("input");

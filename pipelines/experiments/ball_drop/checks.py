@@ -18,7 +18,7 @@ from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
-from pipelines.experiments.shared.fall_checks import BY_NAME, HEIGHT, HERTZ, MEASURED, Fall, G, Repeated
+from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G, Repeated
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of
 from pipelines.experiments.shared.model_inputs import inputs_of
@@ -33,12 +33,6 @@ _OTHER_WAY = (
     "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign "
     "(direction = -1 where the reading falls when the body rises)"
 )
-_OTHERWISE = {
-    G: "the body did not fly freely (a guide that rubs, a thread), or bench or sensor moved",
-    HEIGHT: "height in session.toml is not that of this drop, the body did not fall freely (a guide that rubs, a "
-    "thread, a hand), or bench or sensor moved with it",
-}
-"""Cause of a fall that no factor of time, length or height explains."""
 _REPEATS = (
     Repeated("drop_height", "height of the fall", "m"),
     Repeated("restitution", "first restitution", "1", of_two=0.05),
@@ -78,34 +72,30 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     checks += [] if records else [not_made(G, "a record of bounces")]
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, read, records))
-    stiffness = _stiffness(settings, model)
+    first_contact, u_modulus = _first_contact(settings, model), judgements.u_modulus(sphere)
     gravity, of_falls = settings.model.gravity, list[list[Check]]()
     for fall, _ in records:
         found = [
             fall_checks.acceleration(fall, gravity),
             fall_checks.height(fall, settings.height),
             fall_checks.restitution(fall),
-            fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, stiffness, gravity),
+            fall_checks.contact_duration(fall, first_contact, gravity, u_modulus),
             fall_checks.rest_level(fall),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
         ]
         lost = [c for c in of_traces if c.level and c.file == fall.name and c.name == record_checks.SINGLE_ROWS]
         wrong = {c.name for c in [*found, *lost] if c.level}
         is_long = any(c.name == fall_checks.DURATION and c.level and c.log_ratio > 0.0 for c in found)
+        is_long &= not is_damaged
         # lost rows explain their effects, but no contact that lasts longer; nor does g agree on another clock
         cause = _SMEARED if is_long and G not in wrong and len(wrong) > 1 else lost[0].cause if lost else ""
         found = judgements.because(found, cause, *wrong, file=fall.name)
         of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
-    named = {name for found in explain(checks, causes) for name in found.checks}
-    checks = [
-        replace(c, cause=_OTHERWISE.get(c.name, "")) if c.level and not c.cause and c.name not in named else c
-        for c in checks
-    ]
     if any(c.name == HEIGHT and c.is_made and not c.level for c in checks):  # the other repeats fall as far as stated
         checks = [
-            replace(c, cause=_OF_ANOTHER, file=c.recording, setting="") if c.cause == _OTHERWISE[HEIGHT] else c
+            replace(c, otherwise=_OF_ANOTHER, file=c.recording, setting="") if c.name == HEIGHT and c.level else c
             for c in checks
         ]
     compared, inputs = given.each([rows]), inputs_of(model)
@@ -143,20 +133,23 @@ def _of_their_files(
     return everything
 
 
-def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, float] | None:
-    """Return the contact modulus [Pa] in an impact of 1 ms, and the standard uncertainty of a duration's logarithm."""
-    sphere = settings.sphere
+def _first_contact(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, float] | None:
+    """Return duration and speed of the first impact by the model, or by Hertz for a solid that is known by its name.
+
+    t = 2.868 (m^2 / (R E*^2 v))^(1/5), Johnson, Contact Mechanics (1985), eq. (11.24), with E* in an impact of 1 ms.
+    """
     if model is not None and model.sizes["impact"]:
-        duration, v = float(model["contact_duration"][0]), float(model["impact_speed"][0])
-        modulus = sqrt((HERTZ / duration) ** 5 * sphere.mass.value**2 / (sphere.radius.value * v))
-        return modulus, MEASURED if judgements.measured_by(sphere) else BY_NAME
-    if sphere.material is None:
-        return None
+        return float(model["contact_duration"][0]), float(model["impact_speed"][0])
     try:
-        solid = load(sphere.material)
+        solid = None if settings.sphere.material is None else load(settings.sphere.material)
     except LabpipeError:
+        solid = None
+    if solid is None:
         return None
-    return float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2), BY_NAME
+    mass, radius, _ = (each.value for each in (settings.sphere.mass, settings.sphere.radius, settings.height))
+    modulus = float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2)
+    v = sqrt(2.0 * settings.model.gravity.value * settings.height.value)
+    return 2.868 * (mass**2 / (radius * modulus**2 * v)) ** 0.2, v
 
 
 def _causes(

@@ -8,18 +8,17 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import with_u
+from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import (
     IMPACTS,
     Row,
-    apart,
+    curve_row,
     curve_table,
     flights,
     moved_by_scatter,
-    of_curve,
     row,
     with_its_u,
 )
@@ -31,7 +30,6 @@ SCALE = "scale of length (gain and inclination)"
 """Input of the rows in addition to those of the model: the laser's gain and inclination together."""
 _U_GRAVITY = 0.01  # m/s2; where the record gives no acceleration of the fall
 _LOST = 0.03  # of a flight, uncertainty of its end from which sensitivities do not give the path
-_FEW_REPEATS = 3.0  # by which the variance of two or three is taken larger
 
 
 def comparison(
@@ -45,8 +43,12 @@ def comparison(
     first = float(model["impact_time"][0])
     since = model["time"].values - first
     time = repeats["time"].sel(time=slice(since[0], since[-1])).values
-    made = apart(repeats["displacement_mean"].sel(time=time), np.interp(time, since, model["displacement"].values))
-    made = made.assign(curve_table((), [_along(repeats.sel(time=time), model, since, made["residual"].values)]))
+    path, laid = repeats["displacement_mean"].sel(time=time), np.interp(time, since, model["displacement"].values)
+    left = path.values - laid
+    curve = (_along(repeats.sel(time=time), model, since, left), signals.nrmse(path, laid), float(np.nanmean(left)))
+    table = curve_table((), [curve], "m")
+    table["residual"] = variable("time", left, "m", "measured minus model: displacement")
+    made = xr.Dataset(table, coords={"time": path["time"]})
 
     count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
     shown = min(IMPACTS, count)
@@ -101,7 +103,8 @@ def _along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) 
     shared += [np.interp(time, since, one) for one in path_by_input(model)]
     n = repeats.sizes["repeat"]
     if n > 1:
-        wider = np.sqrt((n - 1) / (n - 3) if n > 3 else _FEW_REPEATS)  # variance of Student's distribution
+        freedom = max(n, 4) - 1  # fewer have no variance of Student's distribution
+        wider = np.sqrt(freedom / (freedom - 2))
         apart = (repeats["displacement"] - repeats["displacement"].mean("repeat", skipna=False)).values
         shared += list(apart * wider / np.sqrt(n * (n - 1)))
         sd = repeats["touch_time_sd"].values * wider / np.sqrt(n)
@@ -119,24 +122,21 @@ def _without_shape(repeats: xr.Dataset, name: str) -> Floats:
 def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
     """Yield the rows of ``compare``: the curve, the free fall, and the results of each impact."""
     n = int(repeats.sizes["repeat"])
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=comparison["bias"], **of_curve(comparison))
+    yield curve_row("displacement", "m", n, comparison)
     if "fall_acceleration" in repeats:
         seen, u = (float(repeats[f"{u}fall_acceleration"]) for u in ("", "u_"))
-        gravity, title = settings.model.gravity, "acceleration of the free fall"
-        gap = (seen - gravity.value, np.hypot(u, gravity.u))
-        yield row(title, "m/s2", n, slopes={SCALE: seen}, measured=(seen, u), model=tuple(gravity[:2]), difference=gap)
-    numbers = range(min(IMPACTS, comparison.sizes["impact"]))
-    shown = [
-        (f"{title}{i + 1}", name, name, i)
-        for title, name in ((RESTITUTION, "restitution"), (DURATION, "contact_duration"))
-        for i in numbers
-    ]
-    shown += [("speed of the first impact", "incoming_speed", "impact_speed", i) for i in numbers[:1]]
-    shown += [("penetration of the first impact", "penetration", "penetration", i) for i in numbers[:1]]
+        title, gravity = "acceleration of the free fall", settings.model.gravity
+        yield row(title, "m/s2", n, slopes={SCALE: seen}, measured=(seen, u), model=tuple(gravity[:2]))
+    count = min(IMPACTS, comparison.sizes["impact"])
+    shown = [(f"{RESTITUTION}{i + 1}", "restitution", "restitution", i) for i in range(count)]
+    shown += [(f"{DURATION}{i + 1}", "contact_duration", "contact_duration", i) for i in range(count)]
+    if count:
+        shown += [("speed of the first impact", "incoming_speed", "impact_speed", 0)]
+        shown += [("penetration of the first impact", "penetration", "penetration", 0)]
     for title, ours, theirs, i in shown:
         unit = str(repeats.variables[ours].attrs["units"])
-        measured, u_measured = map(float, with_its_u(repeats, ours, i))
-        expected, u_expected = map(float, with_its_u(model, theirs, i))
+        measured, u_measured = with_its_u(repeats, ours, i)
+        expected, u_expected = with_its_u(model, theirs, i)
         u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[i])
         if np.isfinite(seen):
             expected, u_apart = seen, float(_without_shape(repeats, ours)[i])
@@ -157,5 +157,5 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
             simulated=(theirs, i),
             measured=(measured, u_measured),
             model=(expected, u_expected),
-            difference=(measured - expected, np.hypot(u_apart, u_expected)),
+            u_difference=np.hypot(u_apart, u_expected),
         )

@@ -8,10 +8,7 @@ import xarray as xr
 
 from labpipe.identification import Bounces
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.drop_evidence import of_drop
-from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-
-_LEAST_OF_TIME = 5e-5  # of a time of touch: accuracy of simulated and recorded clocks
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_drop
 
 
 def evidence(
@@ -24,11 +21,13 @@ def evidence(
     settings: BallDrop,
     name: str,
     impacts: int,
+    least: float = 5e-5,
 ) -> MaterialEvidence | str:
     """Gather times of touch and durations of contact, the mean of the repeats.
 
     The shape of the pulse that was fitted to the contacts is the same for all of them: it moves
-    all durations by one unknown, and leaves the times between touches as they are.
+    all durations by one unknown, and leaves the times between touches as they are. These are known to the ``least``
+    share at best, by the clocks of simulation and record.
     """
     count = min(impacts + 1, *(b.sizes["impact"] for b in bounces))
     if count < 2:
@@ -45,7 +44,7 @@ def evidence(
         rest = touch - (touch @ mean / (mean @ mean))[:, None] * mean
         own = np.maximum(own, np.linalg.norm(rest, axis=0) / np.sqrt(len(bounces) - 1))
     own /= np.sqrt(len(bounces))
-    own = np.maximum(own, _LEAST_OF_TIME * touch.mean(axis=0))
+    own = np.maximum(own, least * touch.mean(axis=0))
     unknowns = {
         "trigger": nuisance(f"{name} trigger", 0.0, float(own[0]), "s", "delay of the first contact"),
         "pulse": nuisance("pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties"),

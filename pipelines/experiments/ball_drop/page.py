@@ -6,17 +6,16 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.report import Band, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed, quantity
 from pipelines.experiments.ball_drop.budget import quantities
-from pipelines.experiments.ball_drop.comparison import rows as compared_rows
+from pipelines.experiments.ball_drop.comparison import rows
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_limits
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import described_plate, linear_range_rows, simulated
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.reports import Report
 
 _RIGID_FLOOR = (
     "The model assumes a floor that does not move. A real floor takes up energy: a floor of mass M lowers the "
@@ -24,11 +23,14 @@ _RIGID_FLOOR = (
     "does not include. Give the floor as plate (mass, frequency, damping_ratio), or name an experiment that measured "
     "it as plate_from."
 )
-_MARGIN = 0.3  # of a contact's duration, shown before and after it
-_CONTACT = 1e-3  # s, shown where no duration was found
-_MM, _UM, _MS = 1e3, 1e6, 1e3
-_LABEL = "time since first contact / ms"
 _SPREAD = "± 2 sd of the repeats"
+_DRAWN = {
+    "displacement": ("Displacement", "height over first contact / mm"),
+    "velocity": ("Velocity", "velocity / (m/s), upwards"),
+    "force": ("Contact force (model)", "force / N"),
+    "contact_radius": ("Contact radius (model)", "contact radius / mm"),
+}
+"""Title and axis of each quantity of the motion."""
 
 
 def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
@@ -36,64 +38,52 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
 
     Without model or comparison the measurement alone is drawn.
     """
-    is_repeated = repeats.sizes["repeat"] > 1
-    chart = partial(LineChart, x_label=_LABEL, group="drop", views=impact_views(repeats), height_px=220)
-    position, speed = _measured("displacement", repeats, _MM), _measured("velocity", repeats, 1.0)
-    caption = "Mean of the repeats with the band of ± 2 standard deviations; point at the chart to show each."
-    caption, apart, simulated = caption * is_repeated, list[LineChart](), list[LineChart]()
+    views = pages.impact_views(repeats["touch_time"].values, repeats["contact_duration"].values)
+    chart = partial(pages.chart, x="time since first contact / ms", group="drop", views=views, height_px=220)
+    curves = {name: _measured(name, repeats) for name in ("displacement", "velocity")}
+    caption, apart = "", list[LineChart]()
+    if is_repeated := repeats.sizes["repeat"] > 1:
+        caption = "Mean of the repeats with the band of ± 2 standard deviations; point at the chart to show each."
     if model is not None:
         since = model["time"].values - float(model["impact_time"][0])
-        curve = partial(Series, "model", since * _MS, role="model")
         low, high = path_limits(model)
-        position.append(Band("model, earliest to latest", since * _MS, low * _MM, high * _MM, role="model"))
-        position.append(curve(model["displacement"].values * _MM))
-        speed.append(curve(model["velocity"].values))
+        curves["displacement"].append(Band("model, earliest to latest", since, low, high, role="model"))
+        for name in _DRAWN:
+            curves.setdefault(name, []).append(Series("model", since, model[name].values, role="model"))
         if followed := int(np.isfinite(model["u_impact_time"]).sum()):
             beyond = f"; after impact {followed} they grow in proportion to time" * (followed < model.sizes["impact"])
             caption += " The model's band lies between its earliest and latest path within two standard uncertainties "
             caption += f"of its inputs{beyond}."
-        for title, label, name, factor in (
-            ("Contact force (model)", "force / N", "force", 1.0),
-            ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
-        ):
-            simulated.append(chart(title, y_label=label, series=(curve(model[name].values * factor),)))
     if model is not None and comparison is not None:
         time = comparison["time"].values
-        below, above = (np.interp(time, since, end - model["displacement"].values) * _UM for end in (low, high))
-        drawn: list[Series | Band] = [Band("model, earliest to latest", time * _MS, below, above, role="model")]
+        below, above = (np.interp(time, since, end - model["displacement"].values) for end in (low, high))
+        drawn: list[Series] = [Band("model, earliest to latest", time, below, above, role="model")]
         if is_repeated:
-            wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
-            drawn.append(Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
-        drawn.append(Series("difference", time * _MS, comparison["residual"].values * _UM, role="residual"))
+            wide = 2 * repeats["displacement_sd"].sel(time=time).values
+            drawn.append(Band(_SPREAD, time, -wide, wide, role="repeat"))
+        drawn.append(Series("difference", time, comparison["residual"].values, role="residual"))
         spikes = (
             "An impact that is early or late in the model shows as a spike, as both curves are steep there; the table "
             "of bounces gives the difference in time."
         )
-        apart.append(chart("Measured minus model", y_label="difference / µm", series=tuple(drawn), caption=spikes))
-    label = "height over first contact / mm"
-    moved = chart("Displacement", y_label=label, series=tuple(position), caption=caption.strip())
-    speeds = chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed))
-    return Section("Motion", (moved, *apart, speeds, *simulated))
+        apart.append(chart("Measured minus model", y="difference / µm", series=drawn, caption=spikes))
+    captions = {"displacement": caption.strip()}
+    moved, *others = (
+        chart(title, y=label, series=curves[name], caption=captions.get(name, ""))
+        for name, (title, label) in _DRAWN.items()
+        if name in curves
+    )
+    return Section("Motion", (moved, *apart, *others))
 
 
-def impact_views(repeats: xr.Dataset) -> tuple[tuple[str, float, float], ...]:
-    """Return windows in ms that show one of the first impacts each, a little more than its contact."""
-    touches, found = (repeats[name].values[:IMPACTS] for name in ("touch_time", "contact_duration"))
-    durations = np.where(np.isfinite(found), found, _CONTACT)
-    begins, ends = touches - _MARGIN * durations, touches + (1 + _MARGIN) * durations
-    windows = enumerate(zip((begins * _MS).tolist(), (ends * _MS).tolist(), strict=True), 1)
-    return tuple((f"impact {i}", begin, end) for i, (begin, end) in windows if np.isfinite(begin))
-
-
-def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Band]:
+def _measured(name: str, repeats: xr.Dataset) -> list[Series]:
     """Give the mean, and behind it the band and each repeat where there are several."""
-    time: Floats = repeats["time"].values * _MS
-    mean = repeats[f"{name}_mean"].values * factor
+    time, mean = repeats["time"].values, repeats[f"{name}_mean"].values
     curve = Series("mean of the repeats", time, mean, role="measured")
     if repeats.sizes["repeat"] < 2:
         return [curve]
-    wide = 2 * repeats[f"{name}_sd"].values * factor
-    flagged = zip(repeats["repeat"].values, repeats["is_outlier"].values, repeats[name].values * factor, strict=True)
+    wide = 2 * repeats[f"{name}_sd"].values
+    flagged = zip(repeats["repeat"].values, repeats["is_outlier"].values, repeats[name].values, strict=True)
     single = [
         Series(f"repeat {int(n)}{' (outlier)' * bool(flag)}", time, values, role="repeat", on_hover=True)
         for n, flag, values in flagged
@@ -102,30 +92,22 @@ def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Ba
 
 
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    titles = {
-        "touch_time": "touch",
-        "incoming_speed": "speed in",
-        "outgoing_speed": "speed out",
-        "restitution": "restitution",
-    }
-    columns = [
-        Listed("impact", repeats["impact"].values.tolist()),
-        Listed("repeats", repeats["n_repeats"].values.astype(int).tolist()),
-        *(pages.column(repeats, name, title) for name, title in titles.items()),
+    counts = [
+        Listed(of, repeats[n].values.astype(int).tolist()) for n, of in (("impact",) * 2, ("n_repeats", "repeats"))
     ]
+    titles = {"touch_time": "touch", "incoming_speed": "speed in", "outgoing_speed": "speed out"}
+    apart = {"touch_time": "touch", "restitution": "restitution"}
+    differences = {f"{name}_difference": f"{title}, measured − model" for name, title in apart.items()}
+    found = (*pages.columns(repeats, titles | apart), *pages.columns(comparison, differences))
     caption = (
         "Mean over the repeats that show the bounce, standard uncertainty. Touch times count from the first touch."
     )
     if comparison is not None:
-        columns += [
-            pages.column(comparison, f"{name}_difference", f"{titles[name]}, measured − model")
-            for name in ("touch_time", "restitution")
-        ]
         caption += (
             f" At most {FOLLOWED} impacts are compared with the model, whose uncertainty from its inputs is included; "
             f"the restitutions of the first {IMPACTS} by the same fit to the model's motion."
         )
-    return Section("Bounces", (listed(columns, caption),))
+    return Section("Bounces", (listed((*counts, *found), caption),))
 
 
 def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None = None) -> Section:
@@ -145,9 +127,8 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
     ]
     columns = (
         Listed("recording", [settings.laser[i] for i in known]),
-        pages.of_each(found, "release_time", "release", has_u=False),
-        pages.of_each(found, "first_contact_time", "first contact"),
-        pages.of_each(found, "drop_height", "fall"),
+        *pages.columns(found, {"release_time": "release"}, has_u=False),
+        *pages.columns(found, {"first_contact_time": "first contact", "drop_height": "fall"}),
         Listed("bounces", [each.sizes["impact"] for each in found]),
         Listed("bouncing", (settled - touch).tolist(), "s"),
         Listed("vibration", (rest - settled).tolist(), "s"),
@@ -174,20 +155,19 @@ def _apart(found: Sequence[xr.Dataset], at: int) -> str:
 
 
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:
-    rows = [("peak force", pages.told(model, "peak_force", 0), "first impact")]
-    rows.append(("largest contact radius", pages.told(model, "peak_contact_radius", 0), "first impact"))
+    names = {"peak_force": "peak force", "peak_contact_radius": "largest contact radius"}
+    rows = pages.known(model, {name: (title, "first impact") for name, title in names.items()})
     rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
-    limits = pages.limits_of(model)
-    if not described_plate(model):
-        return Section("Model", (KeyValues(rows), *limits, Paragraph(_RIGID_FLOOR)))
-    rigid = f"without its motion the first restitution is {float(model['rigid_restitution']):.5f}"
-    rows.append(("plate", described_plate(model), rigid))
-    return Section("Model", (KeyValues(rows), *limits))
+    rigid = [] if described_plate(model) else [Paragraph(_RIGID_FLOOR)]
+    if not rigid:
+        remark = f"without its motion the first restitution is {float(model['rigid_restitution']):.5f}"
+        rows.append(("plate", described_plate(model), remark))
+    return Section("Model", (KeyValues(rows), *pages.limits_of(model), *rigid))
 
 
 def _methods(
     settings: BallDrop, displacement: Sequence[xr.Dataset | None] = (), model: xr.Dataset | None = None
-) -> Section:
+) -> str:
     sphere, n = settings.sphere, len(settings.laser)
     times = {1: "once", 2: "twice"}.get(n, f"{n} times")
     text = (
@@ -204,12 +184,14 @@ def _methods(
     )
     if model is not None:
         text += simulated(settings, model)
-    return pages.methods(text.strip(), settings)
+    return text
 
 
 page = Report(
-    lambda settings: f"Ball drop from {pages.stated(settings.height)}",
-    ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    (summary(compared_rows), motion, _bounces, _recordings, pages.recordings, _model, budgets(quantities), _methods),
-    compared_rows,
+    subtitle=lambda settings: f"Ball drop from {pages.stated(settings.height)}",
+    shown=("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
+    rows=rows,
+    sections=(motion, _bounces, _recordings, pages.recordings, _model),
+    budget=quantities,
+    methods=_methods,
 )

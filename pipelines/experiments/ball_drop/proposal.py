@@ -1,7 +1,6 @@
 """Proposals of ``init``: other laser exports are repeats of a drop."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
@@ -10,16 +9,14 @@ from pipelines.experiments.shared.record_templates import laser_record
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for every group of repeats, of one name."""
-    for stem, files in proposals.grouped(names, proposals.without_repeat):
-        yield Proposed(stem, tuple(files), partial(_text, found, files))
+    yield from proposals.of_groups(found, names, proposals.without_repeat, _text)
 
 
 def _text(found: Found, files: Sequence[str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "ball_drop"  # laser readings of a fall
 laser = {proposals.listed(files)}
-calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, \
-with its uncertainty
+calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, with its uncertainty
 {proposals.height_line(files[0], proposals.fall_shown(found.path(files[0])))}
 
 [experiments.{name}.sphere]

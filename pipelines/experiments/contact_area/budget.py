@@ -1,6 +1,7 @@
 """Budgets of a film of the contact: the largest radii, and the model's."""
 
 from collections.abc import Iterator
+from functools import partial
 from math import pi
 
 import numpy as np
@@ -8,7 +9,7 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.contact_area.comparison import largest_radii
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, of_simulation
+from pipelines.experiments.shared.budget_quantity import Quantity, of_simulation, product
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 
@@ -25,26 +26,20 @@ def quantities(
     # rings in pixels of another size are taken for those of another gap, too
     power = shares["pixel_size"] * size / u_size if u_size > 0.0 else 1.0
 
-    def radius_of(measured: float, pixel_size: float, **errors: float) -> float:
-        return measured * size * (pixel_size / size) ** power + sum(errors.values())
-
-    def area_of(**inputs: float) -> float:
-        return pi * radius_of(**inputs) ** 2
-
     found = [values[:IMPACTS].tolist() for values in largest_radii(impacts, comparison)]
     for i, (largest, u) in enumerate(zip(*found, strict=True)):
         is_alone = u == float(impacts["u_peak_radius"][i])  # the model gives the course between the frames
         sampling = float(impacts["peak_sampling"][i]) if is_alone else 0.0
         errors = {"noise": excess_uncertainty(u, total * largest, sampling), "sampling": sampling}
         errors |= {n: share * largest for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
-        inputs = {MEASURED: Input(largest / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px")}
-        inputs |= {n: Input(0.0, error, "m") for n, error in errors.items()}
-        family = "largest contact radius"
-        yield Quantity(f"{family}, impact {i + 1}", "m", radius_of, inputs, family=family)
+        own = {n: Input(0.0, error) for n, error in errors.items()}
+        scale = {"pixel_size": (Input(size, u_size, "m/px"), power)}
+        yield product(f"largest contact radius, impact {i + 1}", "m", largest, scale, own)
         if model is not None and i < model.sizes["impact"]:
-            family = "largest contact area"
-            edge = Input(float(model["adhesion_shift"][i]), float(model["u_adhesion_shift"][i]), "m")
-            yield Quantity(f"{family}, impact {i + 1}", "m2", area_of, inputs | {"adhesion": edge}, family=family)
+            own["adhesion"] = Input(float(model["adhesion_shift"][i]), float(model["u_adhesion_shift"][i]))
+            edge = product("", "m", largest, scale, own)
+            area = partial(lambda of_edge, **inputs: pi * of_edge(**inputs) ** 2, edge.model)
+            yield Quantity(f"largest contact area, impact {i + 1}", "m2", area, edge.inputs)
     yield from of_simulation("largest contact radius of the model, impact 1", model, "peak_contact_radius")
 
 

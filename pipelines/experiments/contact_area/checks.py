@@ -4,12 +4,12 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from math import hypot, inf, isfinite, log, nan, sqrt
+from math import hypot, inf, isfinite, nan, sqrt
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DOUBTFUL, Cause, Check, Level, bounded, compared, in_words, not_made, stated
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Cause, Check, Level, bounded, compared, in_words, not_made
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -19,6 +19,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
 from pipelines.experiments.shared.film_checks import (
+    LONGER,
     exposed,
     exposure_stated,
     frame_times,
@@ -30,22 +31,14 @@ from pipelines.experiments.shared.film_checks import (
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
+from pipelines.experiments.shared.record_checks import longest_run
 
-_CLOCK = 1e-4
-"""Relative uncertainty of the frame rate of a camera."""
-_LIKE_MODEL = (1.6, 0.1)
-"""Factor by which a contact radius may miss the model (a ~ E^-0.2: ten times in the modulus), and
-the relative uncertainty of that."""
-_LOSSES, _LOSSES_KNOWN = (1.1, 0.03), (1.03, 0.012)
-"""Factor by which the first flight may miss that of the second one's restitution, and its relative uncertainty: by
-speed and a ringing plate, and where a model shows how restitution changes with speed."""
-_WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
+_BY_SPEED = (0.055, 0.03)
+"""Relative uncertainty of the first restitution by the second one, at another speed, and where a model shows how it
+changes with speed."""
+_WAVELENGTHS = (450e-9, 520e-9, 532e-9, 589.3e-9, 632.8e-9, 650e-9)
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
-_ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and a cone of light from a ray
-_STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
-_FEWEST = 8  # frames with a contact, in which one may jump
-_LONGER = 1.5  # of the usual interval between frames in contact, from which some are missing
 _FAILED = {
     "region": "region does not lie in the images",
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
@@ -84,12 +77,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
         checks += _of_frames(radius, impacts, settings)
-        checks += given.each((_fringes, _flies, _stays))
-    if radius is not None and impacts is not None and impacts.sizes["impact"]:
-        checks += given.each((_like_model, _order, _flight))
-        # where impacts do not follow each other another flight is compared with the stated height
-        order = next(c for c in checks if c.name == ORDER)
-        checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, log_ratio=nan)
+        checks += _of_contacts(radius, settings)
+    checks += given.each([_of_impacts])
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     return Scene(
@@ -105,7 +94,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
 
 
 def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, settings: ContactArea) -> Iterator[Check]:
-    """Evaluate the exposure, times and order of the frames."""
+    """Evaluate the exposure, times and order of the frames, and whether the sphere flies in some of them."""
     film, frame, time = settings.film, radius["frame"].values, radius["time"].values
     touches, is_sound = (radius[name].values.astype(bool) for name in ("in_contact", "valid"))
     yield exposure_stated(radius, film, settings.exposure)
@@ -119,17 +108,25 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, settings: Contact
     noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
     square = np.where(touches, a**2, np.where(is_sound, 0.0, nan))
     yield in_order(film, frame, square, noise=noise, time=time, missed=~touches)
+    level: Level | None = None
+    text, cause = f"contact in {100 * touches.mean():.0f} % of the frames", ""
+    if longest_run(~touches)[0] < 2:
+        level = "impossible"
+        cause = "the film is of a sphere at rest, of another view, or a mark in the image is taken for a contact"
+    elif touches[0]:
+        level, text = "doubtful", f"{text}, from the first frame on"
+        cause = "the film begins too late: its first impact is not the first one, or is cut"
+    yield Check("contact and flight", f"{film}: {text}", level, cause=cause, file=film)
 
 
-def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
-    """Look for fringes, and compare their spacing with the stated wavelength, radius and scale."""
+def _of_contacts(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
+    """Compare the spacing of the fringes with wavelength, radius and scale, and look for a contact that jumps."""
     light, body, film = settings.wavelength, settings.sphere.radius, settings.film
     edges, fringes = edges_only(radius)
     ratio = float(radius.attrs.get("phase_scale_ratio", nan))
     if light is None:
         yield not_made(FRINGE, "the wavelength of monochromatic light")
-        return
-    if fringes and isfinite(ratio):
+    elif fringes and isfinite(ratio):
         u = hypot(2 * float(radius.attrs["u_systematic_relative"]), light.u / light.value, body.u / body.value)
         u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
         apart = f"{100 * (1 / ratio - 1):.1f} %"
@@ -138,108 +135,83 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
             message = f"{film}: by the fringes radius times wavelength differs by {apart} from the stated values, or a "
             message += f"pixel is {100 * abs(sqrt(ratio) - 1):.2g} % {'longer' if ratio > 1 else 'shorter'} than stated"
         yield compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=film)
-    message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
-    level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
-    cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
-    if level == "doubtful":
-        other = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        cause = exposed(radius, film).cause or other
-    yield stated("fringes are resolved", message, level, cause=cause, file=film)
+    if light is not None:
+        message = f"{film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+        level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
+        cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
+        if level == "doubtful":
+            cause = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or "
+            cause = exposed(radius, film).cause or f"{cause}covered"
+        yield Check("fringes are resolved", message, level, cause=cause, file=film)
 
-
-def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, is_law: bool = True) -> Check:
-    """Hold a ratio against one within a factor, so that causes follow from it."""
-    most = log(allowed)
-    found = bounded(name, message, log(ratio), u, at_least=-most, at_most=most, is_law=is_law, file=file)
-    return replace(found, log_ratio=log(ratio), u_log_ratio=u)
-
-
-def _like_model(
-    impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None
-) -> Check:
-    if model is None or not model.sizes["impact"]:
-        return not_made(RADIUS, "a model of the drop")
-    seen, expected = float(largest_radii(impacts, comparison)[0][0]), float(model["peak_contact_radius"][0])
-    message = f"{settings.film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
-    allowed, u = _LIKE_MODEL
-    return _like(RADIUS, message, seen / expected, allowed, u, settings.film)
-
-
-def _order(impacts: xr.Dataset, settings: ContactArea, comparison: xr.Dataset | None = None) -> Check:
-    a, u = largest_radii(impacts, comparison)
-    if a.size < 2:
-        return not_made(ORDER, "two impacts")
-    rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
-    at = int(np.argmax(rise / own))
-    ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
-    text = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
-    cause = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
-    if np.all(rise > DOUBTFUL * own):
-        cause = "the frames are in reverse order" + f", or {cause}" * (a.size == 2)
-    return bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
-
-
-def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for flight before the first impact."""
-    touches = radius["in_contact"].values.astype(bool)
-    share = float(touches.mean()) if touches.size else 0.0
-    level: Level | None = None
-    text, cause = f"contact in {share * 100:.0f} % of the frames", ""
-    if share > _ALWAYS:
-        level = "impossible"
-        cause = "the film is of a sphere at rest, of another view, or a mark in the image is taken for a contact"
-    elif touches.size and touches[0]:
-        level, text = "doubtful", f"{text}, from the first frame on"
-        cause = "the film begins too late: its first impact is not the first one, or is cut"
-    return stated("contact and flight", f"{settings.film}: {text}", level, cause=cause, file=settings.film)
-
-
-def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
-    """Compare the first flight with the stated height and the restitution by the second flight."""
-    peak = impacts["peak_time"].values
-    if peak.size < 3:
-        return not_made(FLIGHT, "three impacts")
-    # a contact lasts from within the interval before its first frame to within that after its last one
-    touches = (impacts["last_seen"] - impacts["first_seen"]).values[:2] + float(np.median(np.diff(radius["time"])))
-    alike, (allowed, rough) = 1.0, _LOSSES
-    if model is not None and model.sizes["impact"] > 2:
-        # how restitution changes with speed hardly depends on what the body is
-        alike, (allowed, rough) = float(model["restitution"][0] / model["restitution"][1]), _LOSSES_KNOWN
-    first, second = (float(lasts) for lasts in np.diff(peak[:3]) - touches)
-    if min(first, second) <= 0.0:
-        return not_made(FLIGHT, "flights that last longer than contacts")
-    e = alike * second / first
-    expected = 2 * e * sqrt(2 * settings.height.value / settings.model.gravity.value)
-    message = (
-        f"{settings.film}: the first flight lasts {quantity(first, 's')}, expected are {quantity(expected, 's')} "
-        f"for e = {e:.3f} by the second flight"
-    )
-    u = hypot(rough, 0.5 * settings.height.u / settings.height.value)
-    # the material may be another, but no restitution changes by half from one impact to the next
-    is_law = abs(log(first / expected)) > log(1.5)
-    return _like(FLIGHT, message, first / expected, allowed, u, settings.film, is_law=is_law)
-
-
-def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for a contact that jumps in the image from one frame to the next."""
     name, known = "place of the contacts", np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
     at = np.flatnonzero(known)
-    if at.size < _FEWEST or "centre_x" not in radius:
-        return not_made(name, "contacts in eight frames, and their centres")
+    if at.size < 2 or "centre_x" not in radius:
+        yield not_made(name, "contacts in two frames, and their centres")
+        return
     x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
     time, frame = radius["time"].values[at], radius["frame"].values[at]
     # a poor fit moves radius and centre together
     own = np.sqrt(u_x**2 + u_y**2 + (radius["u_radius"].values[at] / float(radius["pixel_size"])) ** 2)
-    step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
-    is_next = (np.diff(at) == 1) & (np.diff(time) < _LONGER * float(np.median(np.diff(time))))
-    jumps = is_next & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
+    step, u_step = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
+    is_next = (np.diff(at) == 1) & (np.diff(time) < LONGER * float(np.median(np.diff(time))))
+    jumps = is_next & (step > np.maximum(IMPOSSIBLE * u_step, 1.0)) & np.isfinite(u_step)
     text = "no contact jumps in the image"
     if jumps.any():
         k, more = int(np.argmax(np.where(jumps, step, 0.0))), int(jumps.sum()) - 1
         text = f"the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{f', and {more} times more' * bool(more)}"
     cause = "the bench, the camera or the plate was knocked or moved, the lens was refocused, or frames are exchanged"
-    level: Level | None = "doubtful" if jumps.any() else None
-    return stated(name, f"{settings.film}: {text}", level, cause=cause, file=settings.film)
+    yield Check(name, f"{film}: {text}", "doubtful" if jumps.any() else None, cause=cause, file=film)
+
+
+def _of_impacts(
+    radius: xr.Dataset,
+    impacts: xr.Dataset,
+    settings: ContactArea,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
+) -> Iterator[Check]:
+    """Compare the first radius with the model, radii in their order, and the first flight with the stated height."""
+    (a, u), film, cause = largest_radii(impacts, comparison), settings.film, ""
+    if not a.size:
+        return
+    if model is None or not model.sizes["impact"]:
+        yield not_made(RADIUS, "a model of the drop")
+    else:
+        seen, expected = float(a[0]), float(model["peak_contact_radius"][0])
+        text = f"{film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
+        u_expected = 0.2 * judgements.u_modulus(settings.sphere) * expected
+        yield compared(RADIUS, text, seen, 0.0, expected, u_expected, file=film)
+    if a.size > 1:
+        rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
+        at = int(np.argmax(rise / own))
+        ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
+        text = f"{film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
+        cause = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
+        if np.all(rise > DOUBTFUL * own):
+            cause = "the frames are in reverse order" + f", or {cause}" * (a.size == 2)
+        order = bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=film, cause=cause)
+        cause = order.cause
+        yield order
+
+    peak = impacts["peak_time"].values[:3]
+    # a contact lasts from within the interval before its first frame to within that after its last one
+    touches = (impacts["last_seen"] - impacts["first_seen"]).values[:2] + float(np.median(np.diff(radius["time"])))
+    if peak.size < 3 or min(flights := (np.diff(peak) - touches).tolist()) <= 0.0:
+        yield not_made(FLIGHT, "three impacts, and flights that last longer than contacts")
+        return
+    alike, rough = 1.0, _BY_SPEED[0]
+    if model is not None and model.sizes["impact"] > 2:
+        # how restitution changes with speed hardly depends on what the body is
+        alike, rough = float(model["restitution"][0] / model["restitution"][1]), _BY_SPEED[1]
+    first, e = flights[0], alike * flights[1] / flights[0]
+    expected = 2 * e * sqrt(2 * settings.height.value / settings.model.gravity.value)
+    text = f"{film}: the first flight lasts {quantity(first, 's')}, expected are {quantity(expected, 's')} "
+    text += f"for e = {e:.3f} by the second flight"
+    u_expected = expected * hypot(rough, 0.5 * settings.height.u / settings.height.value)
+    flight = compared(FLIGHT, text, first, 0.0, expected, u_expected, file=film)
+    # where impacts do not follow each other another flight is compared with the stated height
+    yield from judgements.because([flight], cause, FLIGHT, log_ratio=nan)
 
 
 def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
@@ -253,7 +225,7 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
     yield judgements.wrong_scale(of_lengths, settings.camera, relative or inf)
     of_radius = {FRINGE: 1.0, RADIUS: -0.4}
     yield judgements.stated_wrongly(of_radius, "the sphere's radius", sphere.radius, "sphere.radius")
-    yield wrong_rate({FLIGHT: -1.0}, settings.frame_rate, radius, settings.film, _CLOCK)
+    yield wrong_rate({FLIGHT: -1.0}, settings.frame_rate, radius, settings.film, fall_checks.CLOCK)
     of_height = {FLIGHT: -0.5, RADIUS: -0.2}
     yield judgements.stated_wrongly(of_height, "the drop height", settings.height, "height")
     mass = judgements.stated_wrongly({RADIUS: -0.2}, "the moving mass", sphere.mass, "sphere.mass", "mass", inf)

@@ -14,7 +14,7 @@ from labpipe.judging import Agreement, along_curve
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.measured import STILL, WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_row, curve_table, row, with_its_u
 from pipelines.experiments.shared.drop_model import slopes_of
 
 SCALE = "scale of the image"
@@ -78,7 +78,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     time, a, random, shared = (radius[name].values for name in ("time", "radius", "u_radius", "radius_systematic"))
     seen = radius["in_contact"].values.astype(bool) & np.isfinite(a)
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
-    points, of_impact, agreed = [np.empty((5, 0))], np.empty((count, 6)), list[Agreement | None]()
+    points, of_impact, agreed = [np.empty((5, 0))], np.empty((count, 5)), []
     for i in range(count):
         form, since = Form.of(model, i), time - float(impacts["peak_time"][i])
         begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
@@ -89,10 +89,10 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         theirs = form(moments)
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
         points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
-        agreed.append(_along(moments, ours - theirs, own, common, form, relative))
-        deviation = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
-        of_impact[i] = form.peak, *fit, deviation
-    peak, size, u_size, shift, u_shift, nrmse = of_impact.T
+        left, of_impact[i] = ours - theirs, (form.peak, *fit)
+        deviation = float(np.sqrt(np.mean(left**2))) / max(float(np.max(theirs)), 1e-12)
+        agreed.append((_along(moments, left, own, common, form, relative), deviation, float(np.mean(left))))
+    peak, size, u_size, shift, u_shift = of_impact.T
     largest, u_largest = (model[f"{u}peak_contact_radius"].values[:count] for u in ("", "u_"))
     # where the frames of a whole contact are too few, its largest radius alone
     ours, u_ours = (
@@ -109,7 +109,6 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             "model": variable("sample", simulated, "m", "contact radius, model"),
             "impact_number": variable("sample", number, "1", "impact of a compared frame"),
             "since_peak": variable("sample", since_peak, "s", "time since the largest radius"),
-            "nrmse": variable("impact", nrmse, "1", "root-mean-square error over largest radius of the model"),
             "peak_radius_alike": variable("impact", beyond * ours, "m", alike_text),
             "peak_radius_model": variable("impact", largest, "m", "largest radius, model"),
             "model_peak_time": variable("impact", peak, "s", "time of the model's largest radius"),
@@ -117,7 +116,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         | with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film")
         | with_u("peak_radius_difference", *gap)
         | with_u("time_shift", "impact", np.nan_to_num(shift), u_shift, "s", "shift of the model to earlier times")
-        | curve_table("impact", agreed),
+        | curve_table("impact", agreed, "m"),
         coords={"impact": np.arange(1, count + 1)},
     )
 
@@ -173,10 +172,8 @@ def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
     counts = comparison["impact_number"].values
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
-        inside = counts == i + 1
-        gap = (comparison["film"] - comparison["model"]).values[inside]
-        title, n, curve = f"contact radius, impact {i + 1}", int(inside.sum()), of_curve(comparison.isel(impact=i))
-        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean(), **curve)
+        title, n = f"contact radius, impact {i + 1}", int((counts == i + 1).sum())
+        yield curve_row(title, "m", n, comparison.isel(impact=i))
         own = {SCALE: float(comparison["peak_radius_film"][i]), FRAMES: float(comparison["peak_radius_alike"][i])}
         yield row(
             f"largest radius, impact {i + 1}",
@@ -184,7 +181,6 @@ def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
             1,
             measured=with_its_u(comparison, "peak_radius_film", i),
             model=(comparison["peak_radius_model"][i], model["u_peak_contact_radius"][i]),
-            difference=with_its_u(comparison, "peak_radius_difference", i),
             simulated=("peak_contact_radius", i),
             slopes=own | slopes_of(model, "peak_contact_radius", i),
         )

@@ -7,10 +7,7 @@ import xarray as xr
 
 from labpipe.identification import Bounces
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.drop_evidence import of_drop
-from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-
-_LEAST_RELATIVE = 5e-4  # of a radius
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_drop
 
 
 def evidence(
@@ -23,14 +20,15 @@ def evidence(
     settings: ContactArea,
     name: str,
     impacts: int,
+    least: float = 5e-4,
 ) -> MaterialEvidence | str:
-    """Gather the largest contact radii of a film."""
+    """Gather the largest contact radii of a film, which are known to the ``least`` share at best."""
     count = min(impacts, made.sizes["impact"])
     if not count:
         return "no impact was seen in the film"
     relative = float(film.attrs["u_systematic_relative"])
     radius, whole = (made[of].values[:count] for of in ("peak_radius", "u_peak_radius"))
-    u = np.sqrt(np.maximum(whole**2 - (relative * radius) ** 2, (_LEAST_RELATIVE * radius) ** 2))
+    u = np.sqrt(np.maximum(whole**2 - (relative * radius) ** 2, (least * radius) ** 2))
     scale, none = nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film"), np.full(count, np.nan)
     seen = Bounces(none, none, none, none, radius, u)
     return of_drop(name, settings, seen, {"pixel": scale}, plate, file, fitted)

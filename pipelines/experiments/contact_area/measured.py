@@ -17,6 +17,7 @@ from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, repeated, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
@@ -26,7 +27,6 @@ FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
 """Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: by fringes, by the edge of the spot,
 by fringes of a gap that is wider than Hertz's."""
 _LEAST_REGION = 32  # px: below it no contact with a ring would fit
-_IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
 _BRIEF = 0.3  # an impact lasts at least this share of what is usual: slower ones last longer
@@ -92,7 +92,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     runs = _contacts(time, seen, unknown)
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
-    brief = _brief_contacts(time, a, runs)[:_IMPACTS]
+    brief = _brief_contacts(time, a, runs)[:IMPACTS]
     shared = radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
     peaks = [(*peak_of(time[run], a[run], u[run]), time[run[0]], time[run[-1]]) for run in brief]
@@ -179,17 +179,14 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> tuple[float, float, float, fl
     return *best, max(abs(best[1] - lower[1]) / np.sqrt(3.0), least)
 
 
-_ALL_OVER = 7  # frames that stand for a film without impacts
 _NEIGHBOURS = 3  # frames before and after an impact, which show that there is no contact
 
 
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
     """Copy frames with the fitted circles: those of the impacts, and at rest; without impacts, all over."""
-    source = film_of(film, settings)
-    sound = np.flatnonzero(radius["valid"].values)
-    spread = sound[np.linspace(0, len(sound) - 1, min(_ALL_OVER, len(sound))).round().astype(int)]
-    near = spread if impacts is None else _of_impacts(radius, impacts)
-    found = key_frames(source, radius["frame"].values[near])
+    sound = np.flatnonzero(radius["valid"].values).tolist()
+    near = thinned(sound, ()) if impacts is None else _of_impacts(radius, impacts)
+    found = key_frames(film_of(film, settings), radius["frame"].values[near])
     return with_circles(found, radius.sel(frame=found["frame"].values))
 
 

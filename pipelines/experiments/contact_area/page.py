@@ -9,19 +9,17 @@ import numpy as np
 import xarray as xr
 
 from labpipe.imaging import USUAL_WORK
-from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
+from labpipe.report import Band, Block, Paragraph, Section, Series, quantity
 from pipelines.experiments.contact_area.budget import quantities
-from pipelines.experiments.contact_area.comparison import rows as compared_rows
+from pipelines.experiments.contact_area.comparison import rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP, with_circles
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.drop_model import linear_range_rows, simulated
-from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, ink, strip
+from pipelines.experiments.shared.reports import Report
 
-_CIRCLE = (60, 120, 255)  # BGR, orange
-_VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
     1: (
         "fringe fit",
@@ -38,8 +36,6 @@ _AROUND = (
     "frames of the contact, since the largest radius is flat in time. Bars: standard uncertainty of the film. Band: "
     "twice that of the model, in which size and duration of a contact move together, as by a wrong modulus."
 )
-_GROUP = "film"  # charts and frames over the film's time
-_SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
 def _details(
@@ -51,13 +47,12 @@ def _details(
     if model is not None and model.sizes["impact"]:
         rows.append(("edge of the contact", *_edge(model, settings)))
         rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
-    if impacts is not None and np.isfinite(float(impacts["static_radius"])):
-        rows.append(("contact radius at rest, film", pages.told(impacts, "static_radius"), ""))
-        if model is not None:
-            brief, lasting = (float(model[f"static_radius_{n}"]) for n in ("brief", "lasting"))
-            text = f"{brief * 1e6:.4g} µm after as long as an impact, {lasting * 1e6:.4g} µm at the end of the film"
-            rows.append(("Hertz radius under the weight", text, "with the creep of the material"))
-    return rows
+    at_rest = pages.known(impacts, {"static_radius": ("contact radius at rest, film", "")})
+    if at_rest and model is not None:
+        brief, lasting = (quantity(float(model[f"static_radius_{n}"]), "m", 4) for n in ("brief", "lasting"))
+        text = f"{brief} after as long as an impact, {lasting} at the end of the film"
+        at_rest.append(("Hertz radius under the weight", text, "with the creep of the material"))
+    return [*rows, *at_rest]
 
 
 def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
@@ -79,7 +74,7 @@ def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | N
     shown = "Frames all over the film, since no impact was found in it"
     shown = shown if impacts is None else "The frames of each impact, of a long one every few, and rest"
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
-    gallery = strip("Film with the fitted circle", drawn, start=top, group=_GROUP, caption=caption)
+    gallery = strip("Film with the fitted circle", drawn, start=top, group="film", caption=caption)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
@@ -103,12 +98,13 @@ def _drawn(key: xr.Dataset) -> Drawn:
     canvas, scale, shift = drawing_of(key)
     x, y, r, major, minor, angle = (float(key[f"circle_{n}"]) for n in ("x", "y", "radius", "major", "minor", "angle"))
     if all(map(math.isfinite, (x, y, r))):
-        unit = scale * (1 << _SUB_PIXEL)
+        digits = 4  # binary ones of a place, beyond whole pixels
+        unit = scale * (1 << digits)
         centre = (round((x + shift / scale) * unit), round((y + shift / scale) * unit))
         size = [round((axis if math.isfinite(axis) else r) * unit) for axis in (major, minor)]
         turned = math.degrees(angle) if math.isfinite(angle) else 0.0
-        cv2.ellipse(canvas, centre, size, turned, 0, 360, _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
-    frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
+        cv2.ellipse(canvas, centre, size, turned, 0, 360, ink(1), 1, cv2.LINE_AA, digits)
+    frame, time = int(key["frame"]), float(key["key_time"]) * 1e3  # ms
     found = "no radius"
     if math.isfinite(r):
         value = pages.told(key, "key_radius")
@@ -129,30 +125,28 @@ def _over_time(
     model: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Section:
-    time, seen = radius["time"].values * 1e3, radius["in_contact"].values.astype(bool)
-    shown = np.where(seen, radius["radius"].values, 0.0) * 1e3
-    peaks = np.zeros(0) if impacts is None else impacts["peak_time"].values * 1e3
-    views = tuple((f"impact {i}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks, 1))
-    known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values) * 1e3
+    time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
+    known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values)
     known = np.where(seen & np.isfinite(known), known, 0.0)
-    curves = [Series("film", time, shown, role="measured", style="points", u=known)]
-    if model is not None and peaks.size:
-        start = peaks[0]
+    shown = np.where(seen, radius["radius"].values, 0.0)
+    curves, views = [Series("film", time, shown, role="measured", style="points", u=known)], []
+    if impacts is not None:
+        first, last = (impacts[f"{which}_seen"].values for which in ("first", "last"))
+        views = pages.impact_views(first, last - first)
+    if model is not None and impacts is not None and impacts.sizes["impact"]:
+        start = float(impacts["peak_time"][0])
         if comparison is not None and comparison.sizes["impact"]:
-            start -= 1e3 * float(comparison["model_peak_time"][0] + comparison["time_shift"][0])
-        when = model["time"].values * 1e3 + start
-        inside = (when >= time[0]) & (when <= time[-1])
-        a = model["contact_radius"].values[inside] * 1e3
-        curves.append(Series("model, aligned at the first impact", when[inside], a, role="model"))
+            start -= float(comparison["model_peak_time"][0] + comparison["time_shift"][0])
+        moved = model.assign_coords(time=model["time"] + start).sel(time=slice(time[0], time[-1]))
+        label = "model, aligned at the first impact"
+        curves.append(Series(label, moved["time"].values, moved["contact_radius"].values, role="model"))
     least = quantity(float(radius.attrs["least_radius"]), "m", 2)
     caption = (
         f"Frames without a contact are drawn at 0; contacts below {least} cannot be distinguished from a touch. Bars: "
         "standard uncertainty."
     )
-    labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
-    charts: list[Block] = [
-        LineChart(*labels, tuple(curves), group=_GROUP, views=views, opens_on_view=True, caption=caption)
-    ]
+    labels = ("Contact radius", "time in the film / ms", "contact radius / mm", curves)
+    charts: list[Block] = [pages.chart(*labels, group="film", views=views, opens_on_view=bool(views), caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts += _around(comparison, model)
         charts += pages.limits_of(model)
@@ -161,28 +155,26 @@ def _over_time(
 
 def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
     """Draw film and model around the largest radius of each impact, and their differences below."""
-    curves: list[Series | Band] = []
-    residuals: list[Series | Band] = []
+    curves, residuals = list[Series](), list[Series]()
     for i in range(comparison.sizes["impact"]):
         mine, name = comparison["impact_number"].values == i + 1, f"impact {i + 1}"
-        since, film, model, u = (1e3 * comparison[of].values[mine] for of in ("since_peak", "film", "model", "u_film"))
+        since, film, model, u = (comparison[of].values[mine] for of in ("since_peak", "film", "model", "u_film"))
         # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
         relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
         slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
-        wide, gap, u_gap = 2e3 * relative * np.abs(model - 2.0 * since * slope), 1e3 * (film - model), 1e3 * u
+        wide = 2.0 * relative * np.abs(model - 2.0 * since * slope)
         curves.append(Series(f"{name}, film", since, film, role="measured", style="points", u=u))
         curves.append(Series(f"{name}, model", since, model, role="model"))
         residuals.append(Band(f"{name}, model ± 2 u", since, -wide, wide, role="model"))
-        residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u_gap))
-    chart = partial(LineChart, x_label="time since the largest radius / ms", group="impacts")
-    drawn = chart(
-        "Contact radius around its largest value", y_label="contact radius / mm", series=tuple(curves), height_px=260
-    )
-    left = chart("Film minus model", y_label="difference / µm", series=tuple(residuals), height_px=220)
+        residuals.append(Series(f"{name}, film minus model", since, film - model, role="residual", style="points", u=u))
+    chart = partial(pages.chart, x="time since the largest radius / ms", group="impacts")
+    title = "Contact radius around its largest value"
+    drawn = chart(title, y="contact radius / mm", series=curves, height_px=260)
+    left = chart("Film minus model", y="difference / µm", series=residuals, height_px=220)
     return [Paragraph(_AROUND), drawn, left]
 
 
-def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> Section:
+def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> str:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     counts = {code: int(np.sum(codes == code)) for code in _METHODS}
     used = [(counts[code], text) for code, (_, text) in _METHODS.items() if counts[code] and text]
@@ -197,12 +189,15 @@ def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None
     text += ". "
     if model is not None:
         text += simulated(settings, model)
-    return pages.methods(text.strip(), settings)
+    return text
 
 
 page = Report(
-    lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
-    ("radius", "impacts", "model", "comparison", "keys"),
-    (summary(compared_rows, _details), _key_frames, _over_time, _calibration, budgets(quantities), _methods),
-    compared_rows,
+    subtitle=lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
+    shown=("radius", "impacts", "model", "comparison", "keys"),
+    details=_details,
+    rows=rows,
+    sections=(_key_frames, _over_time, _calibration),
+    budget=quantities,
+    methods=_methods,
 )

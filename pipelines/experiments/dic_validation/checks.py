@@ -5,9 +5,11 @@ from math import hypot
 
 import numpy as np
 import xarray as xr
+from scipy.ndimage import median_filter
 
-from labpipe.judging import Cause, Check, Level, compared, in_words, not_made, stated
+from labpipe.judging import Cause, Check, Level, compared, in_words, not_made
 from labpipe.report import quantity, value_with_uncertainty
+from labpipe.signals import estimate_noise
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
@@ -18,6 +20,7 @@ from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
 from pipelines.experiments.shared.film_checks import frame_times, in_order, no_copies, of_film, wrong_rate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
+from pipelines.experiments.shared.record_checks import break_in, longest_run
 
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")
 _BETWEEN_DAYS = 0.01
@@ -27,8 +30,6 @@ _STEP = 0.02  # of the usual interval between frames, by which others may differ
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
-_GROWS, _IN_NOISE = 2e-3, 10.0
-"""Least relative jump of the image's size, and the same in standard deviations of noise."""
 _STAYS = 5  # frames for which a size that has changed remains
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
@@ -98,9 +99,8 @@ def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
-    yield stated(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
-    yield _steady(track, film)
-    yield _unbroken(track, film)
+    yield Check(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
+    yield from _unbroken(track, film)
     # a frame that shows the holder exactly as the one before, within the tolerance of the solver
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
@@ -119,39 +119,30 @@ def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | No
     return frame_times(settings.film, np.arange(time.size), time, moves)
 
 
-def _steady(track: xr.Dataset, film: str) -> Check:
-    """Look for a size of the holder's image that jumps between two frames, which shifts the image too."""
-    body = track.isel(point=0)
-    size = 0.5 * (body["stretch_x"].values + body["stretch_y"].values)
-    grown = np.diff(size)
-    if not np.isfinite(grown).any():
-        return not_made(SIZE, "a holder in two frames in a row")
-    noise = 1.4826 * float(np.nanmedian(np.abs(grown)))
-    at = int(np.argmax(np.abs(np.nan_to_num(grown))))
+def _unbroken(track: xr.Dataset, film: str) -> Iterator[Check]:
+    """Look for a size and a place of the holder's image that jump between two frames."""
+    count, first = longest_run(np.diff(track["frame"].values) == 1)
+    body = track.isel(point=0, frame=slice(first, first + count + 1))
+    size, place = 0.5 * (body["stretch_x"].values + body["stretch_y"].values), body["dy"].values
+    zoomed = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
+    zoomed += "tracking.body holds more than the holder: draw tracking.regions around what moves"
+    knocked = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
     # a view that has changed stays so, a frame that is blurred does not
-    stays = np.nanmedian(size[at + 1 : at + 1 + _STAYS]) - np.nanmedian(size[max(at + 1 - _STAYS, 0) : at + 1])
-    if not min(abs(grown[at]), abs(stays)) > max(_IN_NOISE * noise, _GROWS):
-        return stated(SIZE, f"{film}: the size of the image does not jump", None, file=film)
-    how, when = "grows" if grown[at] > 0.0 else "shrinks", quantity(float(body["time"][at + 1]), "s")
-    text = f"{film}: the holder's image {how} by {100 * abs(grown[at]):.2f} % between two frames at {when}"
-    cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
-    cause += "tracking.body holds more than the holder: draw tracking.regions around what moves"
-    return stated(SIZE, text, "doubtful", cause=cause, file=film)
-
-
-def _unbroken(track: xr.Dataset, film: str) -> Check:
-    """Look for a step of the holder's place: its speed changes twice from one frame to the next, there and back."""
-    body = track.isel(point=0)
-    change = np.diff(body["dy"].values, 2)
-    change[np.diff(track["frame"].values, 2) != 0] = np.nan
-    noise = 1.4826 * float(np.nanmedian(np.abs(change))) if np.isfinite(change).any() else 0.0
-    step = np.where(change[1:] * change[:-1] < 0.0, np.minimum(np.abs(change[1:]), np.abs(change[:-1])), 0.0)
-    at = int(np.argmax(step)) if step.size else 0
-    if not step.size or not step[at] > _IN_NOISE * max(noise, _SOLVED):
-        return stated(PLACE, f"{film}: the place of the image does not jump", None, file=film)
-    text = f"{film}: the holder's image jumps by {step[at]:.2g} px at {quantity(float(body['time'][at + 2]), 's')}"
-    cause = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
-    return stated(PLACE, text, "doubtful", cause=cause, file=film)
+    for name, values, series, cause in (
+        (SIZE, size, median_filter(size, _STAYS), zoomed),
+        (PLACE, place, place, knocked),
+    ):
+        known = values[np.isfinite(values)]
+        if known.size < _STAYS:
+            yield not_made(name, "a holder in five frames in a row")
+            continue
+        broken = break_in(series, max(estimate_noise(known).sigma, _SOLVED))
+        text = f"the {name} does not jump"
+        if broken is not None:
+            by, when = broken[1], quantity(float(body["time"][broken[0]]), "s")
+            how = f"{by:+.2g} px" if name == PLACE else f"{100 * by:+.2f} %"
+            text = f"the {name} jumps by {how} at {when}"
+        yield Check(name, f"{film}: {text}", "doubtful" if broken else None, cause=cause, file=film)
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:

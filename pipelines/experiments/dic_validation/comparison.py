@@ -12,11 +12,10 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import (
     IMPACTS,
     Row,
-    apart,
+    curve_row,
     curve_table,
     flights,
     moved_by_scatter,
-    of_curve,
     row,
     with_its_u,
 )
@@ -45,26 +44,26 @@ def comparison(
     expected, scaled = float(np.hypot(*scales)), scales * np.array([film.values.mean(), seen.values.mean()])
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
     level = "over the height of first contact"
-    made = apart(film, seen.values).assign(
+    made = xr.Dataset(
         {
+            "residual": variable("time", film.values - seen.values, "m", "film minus laser"),
             "scale_uncertainty": variable((), expected, "1", text),
             "film": variable("time", film.values, "m", f"film, {level}"),
             "laser": variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
-        }
-        | with_u(
-            "bias", (), agreed.bias, float(np.linalg.norm([agreed.u_bias, *scaled])), "m", "mean of film minus laser"
-        )
+        },
+        coords={"time": film["time"]},
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
-    pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
-    made = made.assign(curve_table((), [agreement]) | pair)
-    count, name = min(bounces.sizes["impact"], laser.sizes["impact"]), "restitution"
-    (ours, own), (theirs, others) = (
-        (one[name].values[:count], one[f"u_{name}"].values[:count]) for one in (bounces, laser)
-    )
-    difference = ("difference", ours - theirs, np.hypot(own, others))
-    for key, values, u in (("film", ours, own), ("laser", theirs, others), difference):
-        made = made.assign(with_u(f"{name}_{key}", "impact", values, u, "1", f"{name}, {key}"))
+    made = made.assign(curve_table((), [(agreement, signals.nrmse(film, seen), agreed.bias)], "m"))
+    u_bias = float(np.linalg.norm([agreed.u_bias, *scaled]))
+    made = made.assign(with_u("bias", (), agreed.bias, u_bias, "m", "mean of film minus laser"))
+    text = "displacement, film over laser; u without that of the scales"
+    made = made.assign(with_u(RATIO, (), ratio, u_ratio, "1", text))
+    count = min(bounces.sizes["impact"], laser.sizes["impact"])
+    ours, theirs = ([one[f"{u}restitution"].values[:count] for u in ("", "u_")] for one in (bounces, laser))
+    gap = [ours[0] - theirs[0], np.hypot(ours[1], theirs[1])]
+    for key, (values, u) in (("film", ours), ("laser", theirs), ("difference", gap)):
+        made = made.assign(with_u(f"restitution_{key}", "impact", values, u, "1", f"restitution, {key}"))
     return made.assign_coords(impact=np.arange(1, count + 1))
 
 
@@ -97,27 +96,11 @@ def rows(comparison: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where no laser saw the motion."""
     if "bias" not in comparison:
         return
-    n, nrmse = int(comparison.sizes["time"]), comparison["nrmse"]
-    bias, u, told = comparison["bias"], comparison["u_bias"], of_curve(comparison)
-    yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u, **told)
-    seen, own, scales = (float(comparison[of]) for of in (RATIO, f"u_{RATIO}", "scale_uncertainty"))
-    if np.isfinite(seen):
-        yield row(
-            "displacement, film over laser",
-            "1",
-            n,
-            against="laser",
-            measured=(seen, own),
-            model=(1.0, scales),
-            difference=(seen - 1.0, np.hypot(own, scales)),
-        )
+    n = int(comparison.sizes["time"])
+    yield curve_row("displacement", "m", n, comparison, against="laser")
+    ratio, own, scales = (float(comparison[of]) for of in (RATIO, f"u_{RATIO}", "scale_uncertainty"))
+    if np.isfinite(ratio):
+        yield row("displacement, film over laser", "1", n, against="laser", measured=(ratio, own), model=(1.0, scales))
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
-        yield row(
-            f"restitution, impact {i + 1}",
-            "1",
-            1,
-            against="laser",
-            measured=with_its_u(comparison, "restitution_film", i),
-            model=with_its_u(comparison, "restitution_laser", i),
-            difference=with_its_u(comparison, "restitution_difference", i),
-        )
+        seen, other = (with_its_u(comparison, f"restitution_{by}", i) for by in ("film", "laser"))
+        yield row(f"restitution, impact {i + 1}", "1", 1, against="laser", measured=seen, model=other)

@@ -60,7 +60,7 @@ KIND = Kind(
     schemas=(BOUNCES, VELOCITY),
     key_numbers=(
         KeyNumber("first restitution", "1", "bounces", "restitution"),
-        KeyNumber("film minus laser", "m", "comparison", "bias"),
+        KeyNumber("film minus laser", "m", "comparison", "bias", absent="not compared"),
     ),
     picture=Picture("motion", "time", "displacement"),
     rows=derived("dic_validation.comparison:rows", "comparison"),

@@ -22,6 +22,7 @@ from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
@@ -32,7 +33,6 @@ _MARGIN = 0.8  # of the frames found still that are used
 _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
-_KEYS = 9
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
@@ -196,17 +196,14 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
 
     Release, contacts, tops and rest are always among them; where none is known, the frames are spread over the film.
     """
-    source = film_of(film, settings)
     time = track["time"].values
-    events = np.linspace(time[0], time[-1], _KEYS)
+    near, last = [0, time.size - 1], time.size
     if bounces is not None:
-        of_impacts = (bounces[name].values[:3] for name in ("touch_time", "liftoff_time", "apex_time"))
+        of_impacts = (bounces[name].values[:IMPACTS] for name in ("touch_time", "liftoff_time", "apex_time"))
         events = np.hstack([bounces["release_time"], bounces["rest_time"], *of_impacts])
-    wanted = np.hstack([time[0], events[np.isfinite(events)], time[-1]])
-    near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
-    near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
-    near = thinned(range(near[-2] + 1) if len(near) > 1 else (), near)
-    found = key_frames(source, track["frame"].values[near])
+        found_at = [int(np.argmin(np.abs(time - t))) for t in events[np.isfinite(events)]]
+        near, last = near + found_at, max(found_at, default=0)
+    found = key_frames(film_of(film, settings), track["frame"].values[thinned(range(last), near)])
     return with_points(found, track.sel(frame=found["frame"].values))
 
 

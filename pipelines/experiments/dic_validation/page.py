@@ -8,26 +8,20 @@ import cv2
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, LineChart, Section, Series, quantity, value_with_uncertainty
+from labpipe.report import Band, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation.budget import quantities
-from pipelines.experiments.dic_validation.comparison import rows as compared_rows
+from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.measured import with_points
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, strip
-from pipelines.experiments.shared.reports import Report, budgets, summary
+from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, ink, strip
+from pipelines.experiments.shared.reports import Report
 
-_VIEWS = 3  # impacts that get a button
-_BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
-_BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
-_REGION, _COVER, _OBSTRUCTION = (80, 200, 80), (80, 80, 230), (230, 80, 200)  # BGR: green, red, violet
 _MASKS = (
-    "Green: regions that count; red: covered parts that do not, both moving with the large subset; violet: "
+    "Green: regions that count; purple: covered parts that do not, both moving with the large subset; ochre: "
     "obstructions that stand still before the holder and do not count. "
 )
-_GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
-_LABEL = "time since first contact / ms"
 
 
 def _details(track: xr.Dataset) -> list[tuple[str, str, str]]:
@@ -50,7 +44,7 @@ def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset |
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1) + _MASKS * bool(settings.tracking.masks)
     caption += "The charts below mark the frame that is shown." * (start is not None)
-    gallery = strip("Film with the tracked subsets", drawn, caption=caption, group=_GROUP)
+    gallery = strip("Film with the tracked subsets", drawn, caption=caption, group="film")
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
@@ -77,8 +71,9 @@ def _drawn(key: xr.Dataset, start: float | None, tracking: Tracking) -> Drawn:
     turn = np.array([[cosine, -sine], [sine, cosine]])
     side = 0.5 * float(key["subset"][0])
     square = now + np.array([(-side, -side), (side, -side), (side, side), (-side, side)]) @ turn.T
-    drawn = [(square, _BODY), *((np.array(polygon), _OBSTRUCTION) for polygon in tracking.obstructions or ())]
-    for polygons, colour in ((tracking.regions, _REGION), (tracking.covers, _COVER)):
+    point, body_ink, region, cover, obstruction = map(ink, range(5))
+    drawn = [(square, body_ink), *((np.array(polygon), obstruction) for polygon in tracking.obstructions or ())]
+    for polygons, colour in ((tracking.regions, region), (tracking.covers, cover)):
         drawn += [(now + (np.array(polygon) - first) @ turn.T, colour) for polygon in polygons or ()]
     for corners, colour in drawn:
         if np.isfinite(corners).all():
@@ -86,7 +81,7 @@ def _drawn(key: xr.Dataset, start: float | None, tracking: Tracking) -> Drawn:
             cv2.polylines(canvas, [places], True, colour, 2, cv2.LINE_AA)
     for x, y in zip(key["point_x"].values[1:], key["point_y"].values[1:], strict=True):
         if math.isfinite(x) and math.isfinite(y):
-            cv2.circle(canvas, (round(x * scale + half), round(y * scale + half)), 4, _POINT, 2, cv2.LINE_AA)
+            cv2.circle(canvas, (round(x * scale + half), round(y * scale + half)), 4, point, 2, cv2.LINE_AA)
     frame, time, status = int(key["frame"]), float(key["key_time"]) * 1e3, str(key["key_status"].values)
     lost = "" if status == "ok" else f"; the large subset has no value: {status.replace('_', ' ')}"
     words = f"frame {frame} of the film with the tracked subsets drawn on it"
@@ -115,48 +110,43 @@ def _motion(
     laser: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Section:
-    moved = motion["displacement"].values
+    moved, time = motion["displacement"].values, motion["time"].values
     if bounces is None:  # no contact from which to count
-        shown = Series("film", motion["time"].values * 1e3, moved * 1e3, role="measured")
         labels = ("Displacement", "time in the film / ms", "displacement / mm, upwards")
-        return Section("Motion", (LineChart(*labels, (shown,), group=_GROUP),))
+        return Section("Motion", (pages.chart(*labels, [Series("film", time, moved, role="measured")], group="film"),))
     start, level = float(bounces["first_contact_time"]), float(bounces["contact_level"])
-    time = (motion["time"].values - start) * 1e3
-    touches = [float(t - start) for t in bounces["touch_time"].values[:_VIEWS]]
-    views = tuple(
-        (f"impact {i}", (t - _BEFORE) * 1e3, (t + _AFTER) * 1e3) for i, t in enumerate(touches, 1) if np.isfinite(t)
-    )
-    chart = partial(LineChart, x_label=_LABEL, group=_GROUP, views=views)
-    position: list[Series | Band] = [Series("film", time, (moved - level) * 1e3, role="measured")]
-    speed: list[Series | Band] = []
-    difference: list[Series | Band] = []
+    time = time - start
+    touches, leaves = (bounces[f"{of}_time"].values - start for of in ("touch", "liftoff"))
+    views = pages.impact_views(touches, leaves - touches)
+    chart = partial(pages.chart, x="time since first contact / ms", group="film", views=views)
+    position, speed, difference = [Series("film", time, moved - level, role="measured")], list[Series](), list[Series]()
     if velocity is not None:
         speed.append(Series("film", time, velocity["velocity"].values, role="measured"))
     if comparison is not None:
         both = comparison["time"].values
-        difference.append(Series("difference", both * 1e3, comparison["residual"].values * 1e6, role="residual"))
+        difference.append(Series("difference", both, comparison["residual"].values, role="residual"))
     if laser is not None:
-        inside = laser.sel(time=slice(time[0] * 1e-3, time[-1] * 1e-3))
-        when, mean = inside["time"].values * 1e3, inside["displacement_mean"].values * 1e3
+        inside = laser.sel(time=slice(time[0], time[-1]))
+        when, mean = inside["time"].values, inside["displacement_mean"].values
         position.append(Series("laser, mean of the repeats", when, mean, role="reference"))
         if laser.sizes["repeat"] > 1:
-            wide = 2 * inside["displacement_sd"].values * 1e3
+            wide = 2 * inside["displacement_sd"].values
             position.insert(0, Band(_SPREAD, when, mean - wide, mean + wide, role="reference"))
             if comparison is not None:
-                wide = 2e6 * np.interp(both, laser["time"].values, laser["displacement_sd"].values)
-                difference.insert(0, Band(_SPREAD, both * 1e3, -wide, wide, role="reference"))
+                wide = 2 * np.interp(both, when, inside["displacement_sd"].values)
+                difference.insert(0, Band(_SPREAD, both, -wide, wide, role="reference"))
         if speed and "velocity_mean" in laser:
             speed.append(Series("laser, mean of the repeats", when, inside["velocity_mean"].values, role="reference"))
     caption = "An impact that is early or late in one record shows as a spike, as both curves are steep there."
-    charts = (
-        chart("Displacement", y_label="height over first contact / mm", series=tuple(position)),
-        chart("Film minus laser", y_label="difference / µm", series=tuple(difference), caption=caption, height_px=220),
-        chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed)),
-    )
-    return Section("Motion", tuple(one for one in charts if one.series))
+    charts = [chart("Displacement", y="height over first contact / mm", series=position)]
+    if difference:
+        apart = chart("Film minus laser", y="difference / µm", series=difference, caption=caption, height_px=220)
+        charts.append(apart)
+    charts += [chart("Velocity", y="velocity / (m/s), upwards", series=speed)] if speed else []
+    return Section("Motion", charts)
 
 
-def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
+def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> str:
     size = int(track["subset"][0])
     text = (
         "The holder's motion was measured by digital image correlation (zero-normalised sum of squared differences, "
@@ -166,13 +156,16 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
     )
     if comparison is not None:
         text += " It was aligned with the mean of the laser's repeats at first contact."
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Camera against laser",
-    ("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
-    (summary(compared_rows, _details), _key_frames, _motion, _calibration, budgets(quantities), _methods),
-    compared_rows,
+    subtitle="Camera against laser",
+    shown=("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
+    details=_details,
+    rows=rows,
+    sections=(_key_frames, _motion, _calibration),
+    budget=quantities,
+    methods=_methods,
     counts={"comparison": lambda comparison: "nrmse" in comparison},
 )

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
@@ -14,14 +13,12 @@ _NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for every film; for exported images only where their name says so."""
-    for stem, files in proposals.grouped(names, proposals.whole_stem):
-        if is_exported(found, files[0]) and not _NAMED.search(files[0]):
-            continue
-        yield Proposed(stem, tuple(files), partial(_text, found, files[0]))
+    ours = [name for name in names if _NAMED.search(name) or not is_exported(found, name)]
+    yield from proposals.of_groups(found, ours, proposals.whole_stem, _text)
 
 
-def _text(found: Found, film: str, name: str) -> str:
-    why = {} if _NAMED.search(film) else {"why": _GUESSED}
-    return f"""{head(found, film, "dic_validation", name, **why)}
+def _text(found: Found, files: Sequence[str], name: str) -> str:
+    why = {} if _NAMED.search(files[0]) else {"why": _GUESSED}
+    return f"""{head(found, files[0], "dic_validation", name, **why)}
 # laser_experiment = "NAME"  # the ball drop whose laser saw the same motion
 # tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""

@@ -31,7 +31,7 @@ def quantities(sweeps: xr.Dataset, master_curve: xr.Dataset) -> Iterator[Quantit
         Source("temperature", at, u_level, "degC", slope)._asdict(),
     ]
     name = f"log10 a_T at {quantity(at, 'degC', 3)}"
-    yield model_quantity(name, float(shifts[far]), "1", rows, "log10 a_T, the largest")
+    yield model_quantity(name, float(shifts[far]), "1", rows)
     if "budget" in master.attrs:
         modulus, rows = float(master["relaxed_modulus"]), json.loads(master.attrs["budget"])
         yield model_quantity("modulus after an infinite time", modulus, "Pa", rows)

@@ -4,14 +4,14 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from math import log, log10, pi
+from math import inf, log, log10, pi
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
+from labpipe.judging import DOUBTFUL, Check, Level, bounded, in_words, not_made
 from labpipe.materials import isothermal_runs, loading_of, modulus_factor, trusted_rows
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
@@ -20,11 +20,8 @@ from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
 
 _POLYMERS = (3e4, 5e10)  # Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite
-_SPECIMENS = 3.0  # factor between moduli of two specimens of one polymer, by clamping and dimensions at the worst
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
-_SAME = 4.0  # K within which two sweeps have one temperature
 _DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
-_MISTYPED = 0.1  # of the logarithm of a loss factor, beyond rounding to two digits
 _PLACE = (("temperature", "degC"), ("frequency", "Hz"))
 _EXCHANGED = "the columns of storage and loss modulus are exchanged"
 _FAILED = {
@@ -84,12 +81,12 @@ class Export(NamedTuple):
         return cls(name, data.isel(sample=np.sort(good)), sweeps, settings)
 
     def values(self, name: str) -> Floats:
-        """Return one column."""
-        return np.asarray(self.data[name].values, float)
+        """Return one column; zeros where there is none."""
+        return np.asarray(self.data[name].values if name in self.data else np.zeros(self.data.sizes["sample"]), float)
 
     def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
         """Return a check of this file."""
-        return stated(name, text, level, cause=cause, file=self.name)
+        return Check(name, text, level, cause=cause, file=self.name)
 
 
 @judgements.judging("readings", "sweeps", "master_curve", titles=TITLES)
@@ -105,7 +102,7 @@ def judgement(
     checks += [check for export in exports for of in (_headings, _moduli, _temperatures) for check in of(export)]
     checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality)]
     every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
-    checks += [_softening(every), *_one_specimen(every)]
+    checks += [_softening(every), *_one_specimen(every, 2 * settings.sweeps.tolerance)]
     return Scene([*checks, _superposition(master_curve)])
 
 
@@ -136,7 +133,7 @@ def _headings(export: Export) -> Iterator[Check]:
     factor = in_words(2 * (1 + settings.nu.value))
     cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor} off"
     level: Level | None = "doubtful" if (seen == "shear") != settings.is_shear else None
-    yield stated(name, message, level, cause=cause, setting="mode")
+    yield Check(name, message, level, cause=cause, setting="mode")
 
 
 def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
@@ -146,16 +143,39 @@ def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
     return in_words(10.0 ** round(power) if is_power else ratio)
 
 
+def _redundant(export: Export, name: str, seen: Floats, expected: Floats, cause: str, rounding: float = 0.1) -> Check:
+    """Compare a column with what others say: the median shows a wrong unit, one reading a value that is mistyped.
+
+    ``rounding`` is the relative difference that is none, of two digits by default; infinite between columns that the
+    instrument corrected for clamps and inertia.
+    """
+    known = (seen > 0.0) & (expected > 0.0)
+    if not known.any():
+        return not_made(name, "both columns, and values above 0")
+    seen, expected = seen[known], expected[known]
+    gap = np.log(seen / expected)
+    middle, at = float(np.median(gap)), int(np.argmax(np.abs(gap)))
+    said = f"{name} of {{:.3g}}, by the other columns {{:.3g}}"
+    if abs(middle) > 0.5 * log(2.0):  # nearer to a factor of two than to one
+        times = f"{cause}: a factor {_power_of_ten(float(np.exp(middle)))}"
+        is_inverse = float(np.median(np.abs(np.log(seen * expected)))) < 0.02
+        text = f"{export.name}: {said.format(np.median(seen), np.median(expected))} (medians)"
+        return export.seen(name, text, "impossible", _EXCHANGED if is_inverse else times)
+    if abs(gap[at]) > rounding:
+        row = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
+        text = f"{export.name}, {' and '.join(row)}: {said.format(seen[at], expected[at])}"
+        return export.seen(name, text, "doubtful", f"a value of this row is mistyped: {name}, or one of the others")
+    return export.seen(name, f"{export.name}: {said.format(np.median(seen), np.median(expected))} (medians)")
+
+
 def _moduli(export: Export) -> Iterator[Check]:
     """Compare the moduli with zero, the range of polymers, the loss factor, and stress over strain."""
     file, storage, loss = export.name, export.values("storage_modulus"), export.values("loss_modulus")
     share, size = float(np.mean((storage <= 0) | (loss <= 0))), np.hypot(storage, loss)
-    message = (
-        f"{file}: {f'{in_words(100 * share, 2)} % of the readings are not' if share else 'all moduli are'} positive"
-    )
+    message = f"{in_words(100 * share, 2)} % of the readings are not positive" if share else "all moduli are positive"
     level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
     cause = "the instrument's phase is wrong, or another column has the name of the modulus"
-    yield export.seen("signs of the moduli", message, level, cause)
+    yield export.seen("signs of the moduli", f"{file}: {message}", level, cause)
 
     name = "modulus of a polymer"
     if (size > 0).any():
@@ -168,40 +188,12 @@ def _moduli(export: Export) -> Iterator[Check]:
         yield bounded(name, message, log10(stiffest), 0.02, at_least=low, at_most=high, **place)
     else:
         yield not_made(name, "moduli")
-
-    name, absent = "loss factor", np.zeros(size.size)
-    given = export.values("loss_factor") if "loss_factor" in export.data else absent
-    known = (storage > 0) & (loss > 0) & (given > 0)
-    if known.any():
-        ratio, given = loss[known] / storage[known], given[known]
-        middle = float(np.median(np.log(given / ratio)))
-        text = f"{file}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
-        cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_power_of_ten(float(np.exp(middle)))}"
-        if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
-            cause = _EXCHANGED
-        level = "impossible" if abs(middle) > 0.05 else None
-        apart = np.abs(np.log(given / ratio))
-        at = int(np.argmax(apart))
-        if level is None and apart[at] > _MISTYPED:
-            row = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
-            text = f"{file}, {' and '.join(row)}: the column says {given[at]:.3g}, the moduli give {ratio[at]:.3g}"
-            level, cause = "doubtful", "storage modulus, loss modulus or loss factor of this row is mistyped"
-        yield export.seen(name, text, level, cause)
-    else:
-        yield not_made(name, "a column of the loss factor, and positive moduli")
-
-    # instruments correct for clamps and inertia by up to a quarter
-    name = "stress over strain"
-    strain, stress = (export.values(n) if n in export.data else absent for n in ("strain", "stress"))
-    known = (strain > 0) & (stress > 0) & (size > 0)
-    if known.any():
-        times = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
-        by = "" if f"{times:.2f}" == "1.00" else f"{times:.3g} times "
-        text = f"{file}: modulus = {by}stress/strain (median)"
-        cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(times)}"
-        yield compared(name, text, times, 0.02 * times, 1.0, 0.02, allowance=0.25, file=file, cause=cause)
-    else:
-        yield not_made(name, "columns of stress and strain")
+    cause = "one modulus, or the loss factor, has the wrong unit"
+    ratio = np.divide(loss, storage, out=np.zeros_like(loss), where=storage != 0.0)
+    yield _redundant(export, "loss factor", export.values("loss_factor"), ratio, cause)
+    cause, strain = "the unit of the moduli, of stress or of strain is wrong", export.values("strain")
+    expected = np.divide(export.values("stress"), strain, out=np.zeros_like(strain), where=strain != 0.0)
+    yield _redundant(export, "stress over strain", size, expected, cause, inf)
 
 
 def _frequencies(export: Export) -> Check:
@@ -211,10 +203,8 @@ def _frequencies(export: Export) -> Check:
         cause = "another column has the name of the frequency, such as the temperature"
         return export.seen(name, f"{file}: a frequency of {hertz.min():.4g} Hz", "impossible", cause)
     if data.attrs.get("derived", "-") == "" and "angular_frequency" in data:
-        ratio = float(np.median(export.values("angular_frequency") / hertz))
-        message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
         cause = "one column of frequency has the unit of the other (Hz, rad/s)"
-        return compared(name, message, ratio, 0.01, 2 * pi, 0.0, file=file, cause=cause)
+        return _redundant(export, name, export.values("angular_frequency"), 2 * pi * hertz, cause)
     # whether the lowest and the highest are 1, 2 or 5 times a power of ten, as hertz and as rad/s
     ends = np.array([hertz.min(), hertz.max()])[:, None] / [1.0, 2 * pi]
     mantissa = (ends / 10.0 ** np.floor(np.log10(ends)))[..., None]
@@ -311,14 +301,14 @@ def _temperatures(export: Export) -> Iterator[Check]:
         message, level = f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful"
     elif is_far:
         cause, setting, file = f"T_ref is wrong, or {cause}", "T_ref", ""
-    yield stated(name, message, level, cause=cause, file=file, setting=setting)
+    yield Check(name, message, level, cause=cause, file=file, setting=setting)
 
     name = "temperature is measured"
     frequency = np.round(np.log10(np.maximum(export.values("frequency"), 1e-9)), 2)
     found, counts = np.unique(frequency, return_counts=True)
     same = export.values("storage_modulus")[frequency == found[np.argmax(counts)]]
     if high - low > 1.0 or same.size < 3 or not (same > 0).all():
-        yield stated(name, f"{export.name}: temperatures span {high - low:.1f} K", None)
+        yield Check(name, f"{export.name}: temperatures span {high - low:.1f} K", None)
         return
     times = float(same.max() / same.min())
     text = f"{export.name}: all temperatures are {T.mean():.1f} °C, while the storage modulus differs by a factor "
@@ -357,35 +347,35 @@ def _softening(sweeps: Sequence[xr.Dataset]) -> Check:
 
     rise = rising(T, levels)
     if rise == 0.0:
-        return stated(name, f"{T.size} isotherms in order", None)
+        return Check(name, f"{T.size} isotherms in order", None)
     without = [(np.delete(T, i), np.delete(levels, i)) for i in range(T.size)]
     # of two neighbours in wrong order the wrong one is that without which the rest is smooth
-    order = np.argsort([rough(*rest) for rest in without])
-    able = [int(i) for i in order if rising(*without[i]) <= 0.2 * rise] if T.size > 3 else []
-    if able:
-        i, (others, falling) = able[0], without[able[0]]
+    i = min(range(T.size), key=lambda i: (rising(*without[i]) > 0.2 * rise, rough(*without[i])))
+    others, falling = without[i]
+    if T.size > 3 and rising(others, falling) <= 0.2 * rise:
         level: Level | None = "impossible" if rise > 10 * _DRIFT else "doubtful" if rise > 4 * _DRIFT else None
         ascending = np.argsort(falling)
         belongs = float(np.interp(levels[i], falling[ascending], others[ascending]))
         cause = f"the temperature of {sweeps[i].attrs['place']} is probably {abs(T[i] - belongs):.0f} K too "
         cause += f"{'high' if T[i] > belongs else 'low'}: its modulus is that of {belongs:.0f} °C"
         text = f"{sweeps[i].attrs['place']} breaks the fall of the modulus with temperature"
-        return stated(name, text, level, cause=cause, file=sweeps[i].attrs["file"])
+        return Check(name, text, level, cause=cause, file=sweeps[i].attrs["file"])
     at = int(np.argmax(np.diff(levels)))
     times = in_words(10.0 ** float(np.diff(levels)[at]))
     text = f"the modulus rises by a factor {times} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
     cause = "a specimen that crystallised or dried, one of another material, or temperatures in wrong order"
     level = "doubtful" if rise > 0.15 else "note" if rise > 4 * _DRIFT else None
-    return stated(name, text, level, cause=cause, file=sweeps[at + 1].attrs["file"])
+    return Check(name, text, level, cause=cause, file=sweeps[at + 1].attrs["file"])
 
 
-def _one_specimen(sweeps: Sequence[xr.Dataset]) -> Iterator[Check]:
-    """Compare sweeps of two exports at one temperature."""
+def _one_specimen(sweeps: Sequence[xr.Dataset], tolerance: float) -> Iterator[Check]:
+    """Compare sweeps of two exports at one temperature, within a tolerance [K]."""
     name = "files of one specimen"
+    limit = DOUBTFUL * judgements.MEASURED
     between: dict[tuple[str, str], list[float]] = {}
     for a, b in combinations(sorted(sweeps, key=lambda one: str(one.attrs["file"])), 2):
         files = (str(a.attrs["file"]), str(b.attrs["file"]))
-        if files[0] != files[1] and abs(a.attrs["temperature"] - b.attrs["temperature"]) <= _SAME:
+        if files[0] != files[1] and abs(a.attrs["temperature"] - b.attrs["temperature"]) <= tolerance:
             pair = _common_levels((a, b))
             if pair is not None:
                 between.setdefault(files, []).append(float(np.median(pair[0] - pair[1])))
@@ -394,8 +384,8 @@ def _one_specimen(sweeps: Sequence[xr.Dataset]) -> Iterator[Check]:
         text = (
             f"{first} over {second}: moduli differ by a factor {in_words(10.0**middle)}, up to {in_words(10.0**size)}"
         )
-        level: Level | None = "impossible" if size > 1.0 else "doubtful" if abs(middle) > log10(_SPECIMENS) else None
-        yield stated(name, text, level, cause=f"{second} is of another material, or has another unit", file=second)
+        level: Level | None = "impossible" if size > 1.0 else "doubtful" if abs(middle) * log(10.0) > limit else None
+        yield Check(name, text, level, cause=f"{second} is of another material, or has another unit", file=second)
     if not between:
         yield not_made(name, "isotherms that two files share")
 
@@ -409,4 +399,4 @@ def _superposition(curve: xr.Dataset | None) -> Check:
     storage, loss = (in_words(100 * noise[part], 2) for part in ("storage", "loss"))
     text = next(iter(verdict["reasons"]), f"the master curve misses E′ by {storage} % and E″ by {loss} %")
     cause = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
-    return stated("superposition", text, level, cause=cause)
+    return Check("superposition", text, level, cause=cause)

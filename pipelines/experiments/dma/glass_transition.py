@@ -11,11 +11,10 @@ from labpipe.arrays import Floats
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import variable, with_u
 
-FEWEST = 9  # points of a temperature sweep in which a transition is looked for
 _HALF_WINDOW = 6.0  # K to either side in which a slope is fitted
-_MEAN_OF = 5  # points of the moving mean that finds a maximum
+MEAN_OF = 5
+"""Points of the moving mean that finds a maximum; twice as many make a sweep in which one is looked for."""
 _CREST = 0.75  # of a maximum's height above the lowest value; a cubic fits the part above
-_LEAST_IN_WINDOW, _LEAST_ON_A_SIDE = 5, 2
 _LEAST_DROP = 2.0  # a storage modulus that falls by less over the sweep shows no glass transition
 _HALF_DECADES = 0.5  # to either side of a maximum of the master curve, where a parabola in log-log fits it
 _SIGNIFICANT = 3.0  # standard uncertainties by which a peak must stand out of its ends
@@ -43,7 +42,13 @@ def transitions(ramps: Sequence[tuple[float, Floats]]) -> xr.Dataset:
     found = np.full((len(ramps), 2, 2), np.nan)  # by tan δ and by ln E′, each with its u
     for i, (T_of, E, E_loss) in enumerate(columns):
         if E[0] / E[-1] >= _LEAST_DROP and not np.any(E <= 0):
-            where, u = peak(T_of, -_smooth_slope(T_of, np.log(E)))
+            slope = np.full(T_of.size, np.nan)  # of ln E′, by parabolas through the neighbourhood of every point
+            for j, centre in enumerate(T_of):
+                near = np.abs(T_of - centre) <= _HALF_WINDOW
+                is_inside = min(centre - T_of[0], T_of[-1] - centre) >= _HALF_WINDOW
+                if is_inside and near.sum() >= MEAN_OF:
+                    slope[j] = np.polyfit(T_of[near] - centre, np.log(E[near]), 2)[1]
+            where, u = peak(T_of, -slope)
             # neighbouring slopes share readings, so their noise is common
             shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T_of))), 1e-3), 1.0)
             found[i] = peak(T_of, E_loss / E), (where, u * float(np.sqrt(shared)))
@@ -109,17 +114,6 @@ def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, str]:
     return xr.Dataset(made).dropna(dims, how="all"), ""
 
 
-def _smooth_slope(T: Floats, y: Floats) -> Floats:
-    """Return dy/dT by parabolas through the neighbourhood of every point."""
-    slope = np.full(T.size, np.nan)
-    for i, centre in enumerate(T):
-        near = np.abs(T - centre) <= _HALF_WINDOW
-        is_inside = min(centre - T[0], T[-1] - centre) >= _HALF_WINDOW
-        if is_inside and near.sum() >= _LEAST_IN_WINDOW:
-            slope[i] = np.polyfit(T[near] - centre, y[near], 2)[1]
-    return slope
-
-
 def peak(T: Floats, y: Floats) -> tuple[float, float]:
     """Return where a curve has its maximum, by a cubic about it, with the uncertainty.
 
@@ -132,41 +126,33 @@ def peak(T: Floats, y: Floats) -> tuple[float, float]:
     >>> round(where, 6)
     21.0
     """
-    good = np.isfinite(y)
-    T, y = T[good], y[good]
-    if T.size < FEWEST:
+    T, y = T[np.isfinite(y)], y[np.isfinite(y)]
+    if T.size < 2 * MEAN_OF:
         return np.nan, np.nan
-    smooth = np.convolve(y, np.ones(_MEAN_OF) / _MEAN_OF, mode="valid")
-    edge = _MEAN_OF // 2
-    top = int(np.argmax(smooth)) + edge
-    centre = float(T[top])
-    height, base = smooth[top - edge], float(smooth.min())
-    low = np.flatnonzero(smooth < base + _CREST * (height - base))
-    first, last = low[low < top - edge][-1:] + 1, low[low > top - edge][:1] - 1
+    smooth, edge = np.convolve(y, np.ones(MEAN_OF) / MEAN_OF, mode="valid"), MEAN_OF // 2
+    top = int(np.argmax(smooth))
+    centre, base = float(T[top + edge]), float(smooth.min())
+    low = np.flatnonzero(smooth < base + _CREST * (smooth[top] - base))
     # the moving mean does not reach the ends of the sweep; a crest that does goes on to them
-    begin = int(first[0]) + edge if first.size else 0
-    near = slice(begin, int(last[0]) + edge + 1 if last.size else T.size)
-    below, above = int((T[near] < centre).sum()), int((T[near] > centre).sum())
-    if T[near].size < _LEAST_IN_WINDOW or min(below, above) < _LEAST_ON_A_SIDE:
+    begin, end = low[low < top][-1:] + edge + 1, low[low > top][:1] + edge
+    near = slice(int(begin[0]) if begin.size else 0, int(end[0]) if end.size else T.size)
+    x, y = T[near] - centre, y[near]
+    if x.size < MEAN_OF or min((x < 0).sum(), (x > 0).sum()) < edge:
         return np.nan, np.nan  # the maximum lies at an end of the sweep, or beyond
-    cubic, parabola = (_summit(T[near] - centre, y[near], degree) for degree in (3, 2))
-    if cubic is None or parabola is None:
-        return np.nan, np.nan
-    return centre + cubic[0], float(np.hypot(cubic[1], 0.5 * (cubic[0] - parabola[0])))
-
-
-def _summit(x: Floats, y: Floats, degree: int) -> tuple[float, float] | None:
-    """Return where a fitted polynomial has its maximum, with its uncertainty from the noise."""
-    coefficient, covariance = np.polyfit(x, y, degree, cov=True)
-    slope, powers = np.polyder(coefficient), np.eye(degree + 1)
-    roots = [float(r.real) for r in np.roots(slope) if abs(r.imag) < 1e-9]
-    tops = [r for r in roots if np.polyval(np.polyder(slope), r) < 0 and x.min() <= r <= x.max()]
-    if not tops:
-        return None
-    top = min(tops, key=abs)
-    # The slope at the top is zero, so its uncertainty over the bend is that of the place.
-    first, second = (np.array([np.polyval(np.polyder(one, m), top) for one in powers]) for m in (1, 2))
-    curvature = float(second @ coefficient)
-    if abs(curvature) < _SIGNIFICANT * propagated_u(second, covariance):
-        return None
-    return top, float(propagated_u(first, covariance)) / abs(curvature)
+    found = []
+    for degree in (3, 2):
+        coefficient, covariance = np.polyfit(x, y, degree, cov=True)
+        slope, powers = np.polyder(coefficient), np.eye(degree + 1)
+        roots = [float(r.real) for r in np.roots(slope) if abs(r.imag) < 1e-9]
+        tops = [r for r in roots if np.polyval(np.polyder(slope), r) < 0 and x.min() <= r <= x.max()]
+        if not tops:
+            return np.nan, np.nan
+        place = min(tops, key=abs)
+        # The slope at the top is zero, so its uncertainty over the bend is that of the place.
+        first, second = (np.array([np.polyval(np.polyder(one, m), place) for one in powers]) for m in (1, 2))
+        bend = abs(float(second @ coefficient))
+        if bend < _SIGNIFICANT * propagated_u(second, covariance):
+            return np.nan, np.nan
+        found.append((place, float(propagated_u(first, covariance)) / bend))
+    (cubic, u), (parabola, _) = found
+    return centre + cubic, float(np.hypot(u, 0.5 * (cubic - parabola)))

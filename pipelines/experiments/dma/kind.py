@@ -59,7 +59,7 @@ KIND = Kind(
     settings=Dma,
     stages=_STAGES,
     schemas=(_SWEEPS, _MASTER_CURVE),
-    key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "relaxed_modulus"),),
+    key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "relaxed_modulus", absent="no plateau"),),
     picture=Picture("master_curve", "reduced_frequency", "master_storage", "log"),
     rows=derived("dma.comparison:rows", "master_curve"),
     budget=derived("dma.budget:quantities", "sweeps master_curve"),

@@ -39,30 +39,24 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     found = without_readings(found, settings, "storage_modulus", "loss_modulus")
     if EXCLUDED in found:
         found["is_valid"] = found["is_valid"].where(found[EXCLUDED] == 0, 0)
-    stated = _stated(path, settings)
-    if stated is None:
+    one, each, files = settings.temperature, settings.temperatures, settings.rheometer
+    if each and one is not None:
+        raise InputError("temperature and temperatures are both given; keep one of them")
+    if each and len(each) != len(files):
+        raise InputError(f"temperatures holds {len(each)} values for {len(files)} files")
+    if each:
+        one = each[next(k for k, name in enumerate(files) if path.as_posix().endswith(Path(name).as_posix()))]
+    if one is None:
         return with_responses(found)
     if "temperature" in found:
         raise InputError(
-            f"{path.name} has a column of temperature, and the session states {stated:g} °C for it; "
+            f"{path.name} has a column of temperature, and the session states {one.value:g} °C for it; "
             "delete one of them (temperature or temperatures in session.toml)"
         )
-    constant = np.full(found.sizes["sample"], stated)
+    constant = np.full(found.sizes["sample"], one.value)
     return with_responses(
         found.assign(temperature=variable("sample", constant, "degC", "temperature, as the session states it"))
     )
-
-
-def _stated(path: Path, settings: Dma) -> float | None:
-    """Return the temperature that the session states for a file."""
-    one, each, files = settings.temperature, settings.temperatures, settings.rheometer
-    if not each:
-        return None if one is None else one.value
-    if one is not None:
-        raise InputError("temperature and temperatures are both given; keep one of them")
-    if len(each) != len(files):
-        raise InputError(f"temperatures holds {len(each)} values for {len(files)} files")
-    return each[next(k for k, name in enumerate(files) if path.as_posix().endswith(Path(name).as_posix()))].value
 
 
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
@@ -99,7 +93,7 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
     for run in (one.isel(sample=rows) for one in readings for rows in trusted_rows(one) if rows.size):
         frequency, T = run["frequency"].values, run["temperature"].values
         constant = np.ptp(frequency) < _ONE_FREQUENCY * np.median(frequency)
-        if constant and np.ptp(T) >= _LEAST_RAMP and T.size >= glass_transition.FEWEST:
+        if constant and np.ptp(T) >= _LEAST_RAMP and T.size >= 2 * glass_transition.MEAN_OF:
             moduli = (factor * run[name].values for name in ("storage_modulus", "loss_modulus"))
             ramps.append((float(np.median(frequency)), np.array([T, *moduli])))
     if not ramps:

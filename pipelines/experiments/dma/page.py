@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.materials import ShiftLaw
 from labpipe.report import (
+    SURE,
     Band,
     Block,
     Details,
@@ -31,17 +32,15 @@ from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.judgements import capitalised, with_minus
-from pipelines.experiments.shared.reports import Report, budgets, is_there
+from pipelines.experiments.shared.reports import Report, is_there
 
-_MPA = 1e-6
+_LOG_LOG: dict[str, Any] = {"x_scale": "log", "y_scale": "log"}
 _MODULI = {"storage": "Storage modulus", "loss": "Loss modulus"}
 _BAND = (
     "The band includes the uncertainty of the spectrum, the shifts, the vertical law and the delay; it assumes that "
     "superposition holds."
 )
-_COVERAGE = 1.96  # of the bands, 95 %
-# What a verdict on the model is called; the verdict on the record, above, has words of its own.
-_SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
+# The verdict on superposition is one of the checks.
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
 _VERTICAL = {
     "none": "none",
@@ -53,19 +52,17 @@ _LAWS = {"wlf": "WLF", "arrhenius": "Arrhenius"}
 _CRITERIA = {"T_peak": "maximum of tan δ", "T_drop": "steepest fall of E′"}
 
 
-def _summary(
+def _details(
     sweeps: xr.Dataset | None = None,
     master_curve: xr.Dataset | None = None,
     temperature_sweep: xr.Dataset | None = None,
-) -> Section:
-    rows: list[tuple[str, str, str]] = []
+) -> list[tuple[str, str, str]]:
+    rows = list[tuple[str, str, str]]()
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
     if (curve := master_curve) is not None:
-        frequency, superposition = curve["reduced_frequency"].values, json.loads(curve.attrs["superposition"])
-        kk = json.loads(curve.attrs["kramers_kronig"])
-        remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
+        frequency, kk = curve["reduced_frequency"].values, json.loads(curve.attrs["kramers_kronig"])
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
         rows += [
             ("reference temperature", with_minus(f"{float(curve['T_ref']):.4g} °C"), ""),
@@ -79,12 +76,10 @@ def _summary(
             ),
             _law_row(json.loads(curve.attrs["law"])),
             ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
-            ("superposition", _SUPERPOSITION[superposition["level"]], remark),
             ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
     rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
-    rows += [] if master_curve is None else [_by_shifts(master_curve)]
-    return Section("Summary", [KeyValues(rows)] if rows else [])
+    return rows if master_curve is None else [*rows, _by_shifts(master_curve)]
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
@@ -130,13 +125,13 @@ def _isotherms(table: xr.Dataset, name: str) -> list[Series]:
     """Return the shifted points of each temperature, coldest first, on a scale of colours."""
     series: list[Series] = []
     temperature = table["temperature"].values
-    span = float(np.ptp(temperature))
+    span = float(np.ptp(temperature)) or 1.0
     for i in np.argsort(temperature, kind="stable"):
-        x, y = table["point_reduced_frequency"].values[i], table[f"{name}_reduced"].values[i] * _MPA
+        x, y = table["point_reduced_frequency"].values[i], table[f"{name}_reduced"].values[i]
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
-            level = (float(temperature[i]) - float(temperature.min())) / span if span else 0.5
+            level = float(temperature[i] - temperature.min()) / span
             title = with_minus(f"{temperature[i]:.0f} °C")
             again = sum(one.name.split(",")[0] == title for one in series)
             title += f", sweep {again + 1}" if again else ""
@@ -159,21 +154,17 @@ def _shifts(master_curve: xr.Dataset) -> Section:
     caption = "Bars are standard uncertainties."
     if laws and not holding:
         caption += " No law is drawn, because none describes the shifts within their uncertainty."
-    blocks: list[Block] = [
-        LineChart("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, height_px=240, caption=caption)
-    ]
+    labels = ("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series)
+    blocks: list[Block] = [LineChart(*labels, height_px=240, caption=caption)]
     if "T_peak" in master_curve:
-        f, T_g = master_curve["transition_frequency"].values, master_curve["T_peak"].values
-        drawn = [
-            Series(_CRITERIA["T_peak"], f, T_g, style="points", role="measured", u=master_curve["u_T_peak"].values)
-        ]
+        f, T_g, u_T = (master_curve[n].values for n in ("transition_frequency", "T_peak", "u_T_peak"))
+        drawn = [Series(_CRITERIA["T_peak"], f, T_g, style="points", role="measured", u=u_T)]
         words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
         shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)
         blocks.append(LineChart(*shape, x_scale="log", height_px=220, caption=words))
     columns = [
         Listed("temperature / °C", T.tolist(), digits=3),
-        pages.column(rising, "log10_aT", "log₁₀ a_T"),
-        pages.column(rising, "b_T", "b_T"),
+        *pages.columns(rising, {"log10_aT": "log₁₀ a_T", "b_T": "b_T"}),
     ]
     fits = [(f"law of {_LAWS[name]}", *_law(law)) for name, law in laws.items()]
     if float(master_curve["delay"]):
@@ -215,16 +206,16 @@ def _master(master_curve: xr.Dataset) -> Section:
     label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = []
     for name, title in _MODULI.items():
-        y, u = (master_curve[f"{of}master_{name}"].values * _MPA for of in ("", "u_"))
-        low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
-        curves: list[Series | Band] = [
+        y, u = (master_curve[f"{of}master_{name}"].values for of in ("", "u_"))
+        low = np.maximum(y - SURE * u, y * 1e-3)  # a logarithmic axis shows no zero
+        curves: list[Series] = [
             *_isotherms(master_curve, name),
             Series("fitted spectrum", x, y, role="model"),
-            Band("95 %", x, low, y + _COVERAGE * u, role="model"),
+            Band("95 %", x, low, y + SURE * u, role="model"),
         ]
-        labels = (f"{title}, master curve", label, f"{title.lower()} / MPa")
+        labels = (f"{title}, master curve", label, f"{title.lower()} / MPa", curves)
         caption = _BAND if name == "storage" else ""
-        blocks.append(pages.log_log(*labels, curves, group="master", height_px=300, caption=caption))
+        blocks.append(pages.chart(*labels, **_LOG_LOG, group="master", height_px=300, caption=caption))
     return Section("Master curve", blocks)
 
 
@@ -247,19 +238,20 @@ def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset |
 
 
 def _transition(temperature_sweep: xr.Dataset) -> Section:
-    ramps, moduli, factors = temperature_sweep, [], []
+    ramps, moduli, factors = temperature_sweep, list[Series](), list[Series]()
+    parts: tuple[tuple[str, str, Role], ...] = (("E′", "storage", "measured"), ("E″", "loss", "model"))
     for i, frequency in enumerate(ramps["frequency"].values):
         name, one = f"{frequency:.3g} Hz", ramps.isel(point=ramps["ramp_of"].values == i)
         T = one["temperature"].values
-        for sign, of, role in (("E′", "storage", "measured"), ("E″", "loss", "model")):
-            moduli.append(Series(f"{sign}, {name}", T, one[of].values * _MPA, role=cast("Role", role)))
+        for sign, of, role in parts:
+            moduli.append(Series(f"{sign}, {name}", T, one[of].values, role=role))
         factors.append(Series(f"tan δ, {name}", T, one["loss_factor"].values, role="measured"))
     places = (("tan δ", float(ramps["T_peak"][0])), ("fall of E′", float(ramps["T_drop"][0])))
     lines = [(title, place) for title, place in places if np.isfinite(place)]
-    drawn = partial(LineChart, x_label="temperature / °C", vlines=lines, group="ramp")
+    drawn = partial(pages.chart, x="temperature / °C", vlines=lines, group="ramp")
     charts = (
-        drawn("Moduli over temperature", y_label="modulus / MPa", series=moduli, y_scale="log"),
-        drawn("Loss factor over temperature", y_label="tan δ", series=factors, height_px=220),
+        drawn("Moduli over temperature", y="modulus / MPa", series=moduli, y_scale="log"),
+        drawn("Loss factor over temperature", y="tan δ", series=factors, height_px=220),
     )
     return Section("Temperature sweep", (Details("Moduli and loss factor over temperature", charts),))
 
@@ -272,15 +264,15 @@ def _terms(context: Context, master_curve: xr.Dataset) -> Section:
         f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
         "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
     )
-    rho, E = master_curve["rho"].values, master_curve["E"].values * _MPA
+    rho, E = master_curve["rho"].values, master_curve["E"].values
     series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
-    chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
+    chart = pages.chart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, **_LOG_LOG)
     return Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
 
 
-def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
+def _methods(settings: Dma, master_curve: xr.Dataset) -> str:
     T, asked = master_curve["temperature"].values, settings.fit.law
     text = f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
     text += f"{_celsius(T)}. "
@@ -300,12 +292,15 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         f"{capitalised(_law_row(json.loads(master_curve.attrs['law']))[1])}. "
         "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*missed)
     )
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Dynamic mechanical analysis",
-    ("readings", "sweeps", "master_curve", "temperature_sweep"),
-    (_summary, _master, _shifts, _transition, _readings, budgets(quantities), _terms, _methods),
+    subtitle="Dynamic mechanical analysis",
+    shown=("readings", "sweeps", "master_curve", "temperature_sweep"),
+    details=_details,
+    sections=(_master, _shifts, _transition, _readings, _terms),
+    budget=quantities,
+    methods=_methods,
     counts={"temperature_sweep": is_there},
 )

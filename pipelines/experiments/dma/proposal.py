@@ -38,18 +38,15 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
         is_isotherm = T is None or float(T.max() - T.min()) <= _ONE
         return (_AT.sub("", whole) or whole) if is_isotherm else whole
 
-    for key, files in proposals.grouped(list(tables), stem):
-        lacks = any("temperature" not in tables[name] for name in files)
-        loadings = dict(loading_of(tables[name]) for name in files)
-        yield Proposed(key, tuple(files), partial(_text, files, lacks, loadings))
+    yield from proposals.of_groups(found, tables, stem, partial(_text, tables))
 
 
-def _text(files: Sequence[str], lacks_temperature: bool, loadings: Mapping[str, str], name: str) -> str:
+def _text(tables: Mapping[str, xr.Dataset], _: Found, files: Sequence[str], name: str) -> str:
     """Return the table of an experiment; temperatures that the files do not hold are those of their names."""
-    temperature = ""
-    if lacks_temperature:
-        found = [_AT.search(proposals.whole_stem(file)) for file in files]
-        values = [GAP if m is None or m[2] == "K" else m[1].replace("m", "-").replace("p", ".") for m in found]
+    temperature, loadings = "", dict(loading_of(tables[file]) for file in files)
+    if any("temperature" not in tables[file] for file in files):
+        seen = [_AT.search(proposals.whole_stem(file)) for file in files]
+        values = [GAP if m is None or m[2] == "K" else m[1].replace("m", "-").replace("p", ".") for m in seen]
         source = "the file does not say it" if GAP in values else "proposed from the file name"
         quoted = ", ".join(f'"{value} degC"' for value in values)
         temperature = f"\ntemperatures = [{quoted}]  # of each file, in their order; {source}"

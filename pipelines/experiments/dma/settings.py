@@ -14,27 +14,19 @@ MODES: tuple[str, ...] = get_args(Mode)
 
 
 class Export(Table, frozen=True, kw_only=True):
-    """Statements that a rheometer export may lack; nothing here is guessed.
-
-    ``columns`` names those of a table that is not recognised, ``{ frequency = "drive (Hz)", … }``, or all in their
-    order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
-    """
+    """Statements that a rheometer export may lack; nothing here is guessed."""
 
     encoding: str | None = None  #: codec of the text, such as cp932
     decimal: Literal[".", ","] | None = None  #: decimal sign of the file
-    columns: Columns | None = None  #: columns of another table
+    columns: Columns | None = None  #: columns of another table, { frequency = "drive (Hz)", … }
     allow_incomplete: bool = False  #: read an export that ends early
 
 
 class Sweeps(Table, frozen=True, kw_only=True):
-    """Which readings make one isothermal sweep.
+    """Which readings make one isothermal sweep."""
 
-    ``tolerance`` is how far the measured temperature may stray within a sweep; ``fewest`` the
-    frequencies that a sweep needs.
-    """
-
-    tolerance: Annotated[float, Range(above=0.0, at_most=10.0)] = 1.5
-    fewest: Annotated[int, Range(at_least=2, at_most=1000)] = 3
+    tolerance: Annotated[float, Range(above=0.0, at_most=10.0)] = 1.5  #: K by which the temperature may stray
+    fewest: Annotated[int, Range(at_least=2, at_most=1000)] = 3  #: frequencies that a sweep needs
 
 
 class Fit(Table, frozen=True, kw_only=True):
@@ -87,25 +79,21 @@ class Specimen(Dimensions, frozen=True, kw_only=True):
 class Dma(Recorded, frozen=True, kw_only=True):
     """Exports of one specimen: of an Anton Paar rheometer, or tables of another analyser.
 
-    ``mode`` is that of loading; few files distinguish tension from shear. Moduli are taken to
-    tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
-    temperature of the master curve; by default the middle isotherm. ``scale`` is the factor of all
-    moduli; its uncertainty is that of the specimen's dimensions (in torsion a bar's
-    stiffness goes with the fourth power of its thickness) and of the force; ``specimen`` instead states
-    those dimensions. ``temperature`` is that
-    of files without such a column, ``temperatures`` those of files at one temperature each, in
-    their order. Relaxation and creep tests count as sweeps.
+    Few files distinguish the modes of loading; moduli are taken to tension, for shear by E = 2 (1 + ν) G. ``scale`` is
+    the factor of all moduli; its uncertainty is that of the specimen's dimensions (in torsion a bar's stiffness goes
+    with the fourth power of its thickness) and of the force; ``specimen`` instead states those dimensions. Relaxation
+    and creep tests count as sweeps.
     """
 
     kind: Literal["dma"]
     rheometer: Annotated[list[File], msgspec.Meta(min_length=1)]  #: exports of one specimen
     mode: Mode  #: loading of the specimen
-    nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]  #: Poisson's ratio
-    T_ref: Temperature | None = None  #: temperature of the master curve
+    nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]  #: Poisson's ratio, of the material too
+    T_ref: Temperature | None = None  #: temperature of the master curve; else the middle isotherm
     scale: Annotated[Dimensionless, POSITIVE] = Quantity(1.0, 0.0, "1")  #: factor of all moduli
     specimen: Specimen | None = None  #: dimensions as measured
     temperature: Temperature | None = None  #: of files without such a column
-    temperatures: list[Temperature] | None = None  #: of files at one temperature each
+    temperatures: list[Temperature] | None = None  #: of files at one temperature each, in their order
     export: Export = Export()  #: what the export lacks
     sweeps: Sweeps = Sweeps()  #: which readings make a sweep
     fit: Fit = Fit()  #: how sweeps are shifted

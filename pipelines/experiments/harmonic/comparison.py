@@ -7,16 +7,16 @@ import numpy as np
 import xarray as xr
 
 from labpipe.signals import nrmse
-from labpipe.variables import variable, with_u
-from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
+from labpipe.variables import variable
+from pipelines.experiments.harmonic.measured import evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import (
     FORCE_SCALE,
     STIFFNESS,
     Row,
+    curve_row,
     curve_table,
-    of_curve,
     row,
     with_its_u,
 )
@@ -31,31 +31,20 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     del settings
     if "absent" in model.attrs:
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
-    error, bias, agreed = [], [], []
+    agreed = []
     measured, simulated = loads["force"].values, mach1_readings.passed(loads, model["force"].values)
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         where, used = evaluated(loads, at)
         samples = where.start + np.flatnonzero(used)
         passed, force = simulated[samples], measured[samples]
-        error.append(nrmse(force, passed))
-        bias.append(float(np.mean(force - passed)))
         cycles = (loads["time"].values[samples] - float(at["begin"])) * float(at["frequency"])
         part = np.floor(_PARTS * (cycles % 1.0))
         places = [samples[part == number] for number in range(_PARTS)]
-        agreed.append(laid_along(loads, measured, simulated, places, model))
-    table: dict[str, Any] = {
-        "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
-        "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),
-        "bias": variable("oscillation", bias, "N", "mean of measured minus model"),
-    }
-    table |= curve_table("oscillation", agreed)
-    for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
-        units, text = COLUMNS[name]
-        gap = oscillations[name].values - model[name].values
-        u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
-        text = f"{text}, measured − model"
-        table |= with_u(f"{name}_difference", "oscillation", gap, u, units, text)
+        along = laid_along(loads, measured, simulated, places, model)
+        agreed.append((along, nrmse(force, passed), float(np.mean(force - passed))))
+    table = curve_table("oscillation", agreed, "N")
+    table["simulated_force"] = variable("sample", simulated, "N", "simulated force, filtered")
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
 
 
@@ -76,8 +65,7 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset) ->
         late = {"storage_stiffness": -omega * loss, "work_per_cycle": work}
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
-        nrmse, bias, told = comparison["nrmse"][i], comparison["bias"][i], of_curve(comparison.isel(oscillation=i))
-        yield row("force", "N", 1, condition=condition, nrmse=nrmse, difference=bias, **told)
+        yield curve_row("force", "N", 1, comparison.isel(oscillation=i), condition=condition)
         for title, unit, name in (
             ("storage stiffness", "N/m", "storage_stiffness"),
             ("dissipated work per cycle", "J", "work_per_cycle"),
@@ -92,5 +80,4 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset) ->
                 condition=condition,
                 measured=with_its_u(oscillations, name, i),
                 model=with_its_u(model, name, i),
-                difference=with_its_u(comparison, f"{name}_difference", i),
             )

@@ -17,17 +17,16 @@ from labpipe.signals import CommonFit, common_fit
 from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
-from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared import mach1_readings, punch_model
 from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.punch_model import SHIFT, absent, modelled
+from pipelines.experiments.shared.punch_model import SHIFT, absent
 
 
 def model(
     loads: xr.Dataset, oscillations: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Harmonic
 ) -> xr.Dataset:
     """Simulate the whole history of the file with the measured displacement, and fit its force as the measured one."""
-    slowest, fastest = (1.0 / (2.0 * np.pi * float(f)) for f in np.sort(oscillations["frequency"].values)[[0, -1]])
-    made = modelled(loads, oscillations, settings, file, fitted, (fastest, slowest))
+    made = punch_model.model(loads, oscillations, file, fitted, settings=settings)
     if settings.substrate is None or "absent" in made.attrs:
         return made
     solid, force = resolve(settings.substrate, file, fitted), made["force"].values

@@ -8,9 +8,9 @@ from pipelines.experiments.shared.settings import Table
 
 
 class Cycles(Table, frozen=True, kw_only=True):
-    """Which cycles count: the first ``skip`` are the transient."""
+    """Which cycles count."""
 
-    skip: Annotated[int, Range(at_least=0, at_most=100000)] = 3
+    skip: Annotated[int, Range(at_least=0, at_most=100000)] = 3  #: the first, which are the transient
 
 
 class Harmonic(Indentation, frozen=True, kw_only=True):

@@ -1,14 +1,14 @@
 """Budgets of a plate vibration: natural frequency, damping ratio, modal mass."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite, tan
+from math import isfinite
 
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock, of_laser
+from labpipe.uncertainty import Input
+from pipelines.experiments.plate_vibration.settings import PlateVibration
+from pipelines.experiments.shared.budget_quantity import Factor, Quantity, clock, of_laser, product
 from pipelines.experiments.shared.pages import present
 
 
@@ -19,43 +19,20 @@ def quantities(
     moved = present(displacement)[0]  # the laser is the same for all drops
     yield _ringing("natural_frequency", "natural frequency", "Hz", moved, table)
     yield _ringing("damping_ratio", "damping ratio", "1", moved, table)
-    if settings.sphere is not None and isfinite(float(plate["mass"])):
-        yield _modal_mass(settings, settings.sphere, moved, plate)
+    if settings.sphere is not None and isfinite(mass := float(plate["mass"])):
+        scale = of_laser(moved, -1.0)  # of an amplitude, with which the mass goes inversely
+        scale["mass_of_sphere"] = (Input(*settings.sphere.mass), 1.0)
+        # the momentum goes with the root of the height, and the mass is a weighted mean over the drops
+        each, weights = plate["modal_mass"].values, plate["u_modal_mass"].values ** -2.0
+        relative = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
+        heights = float(np.sqrt(np.nansum((weights * each * relative) ** 2)) / np.nansum(weights))
+        rest = ("repeatability", float(plate["u_mass"]), max(float(np.isfinite(each).sum()) - 1.0, 1.0))
+        yield product("modal mass", "kg", mass, scale, {"heights": Input(0.0, heights)}, rest=rest)
 
 
 def _ringing(name: str, text: str, unit: str, moved: xr.Dataset, table: xr.Dataset) -> Quantity:
-    own, mean = table[f"u_{name}"].values, float(table[f"plate_{name}"])
-    total = float(table[f"u_plate_{name}"])
-    stated = min(float(1.0 / np.sqrt(np.sum(1.0 / own**2))), total)
-    times = {"clock": clock(moved)} if unit == "Hz" else {}  # damping is a ratio of two times
-    scatter = excess_uncertainty(total, stated, *(time.u * mean for time in times.values()))
-    inputs = {
-        MEASURED: Input(mean, 0.0, unit),
-        "noise": Input(0.0, stated, unit),
-        "repeatability": Input(0.0, scatter, unit, max(own.size - 1.0, 1.0)),
-    }
-
-    def model(measured: float, noise: float, repeatability: float, clock: float = 1.0) -> float:
-        return (measured + noise + repeatability) / clock
-
-    return Quantity(text, unit, model, inputs | times)
-
-
-def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, plate: xr.Dataset) -> Quantity:
-    mass, (along, inputs) = float(plate["mass"]), of_laser(moved, 1.0, "1")
-    tilt, gain = inputs["inclination"], inputs["gain"]
-    parts = (mass * gain.u, mass * tan(tilt.value) * tilt.u, mass * ball.mass.u / ball.mass.value)
-    # the momentum goes with the root of the height, and the mass is a weighted mean over the drops
-    each, weights = plate["modal_mass"].values, plate["u_modal_mass"].values ** -2.0
-    relative = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
-    heights = float(np.sqrt(np.nansum((weights * each * relative) ** 2)) / np.nansum(weights))
-    rest = excess_uncertainty(float(plate["u_mass"]), *parts, heights)
-    freedom = max(float(np.isfinite(each).sum()) - 1.0, 1.0)
-
-    def model(mass_of_sphere: float, gain: float, inclination: float, **masses: float) -> float:
-        amplitude = along(1.0, gain, inclination)
-        return sum(masses.values()) * mass_of_sphere / ball.mass.value / amplitude
-
-    inputs |= {MEASURED: Input(mass, 0.0, "kg"), "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg")}
-    inputs["heights"] = Input(0.0, heights, "kg")
-    return Quantity("modal mass", "kg", model, inputs | {"repeatability": Input(0.0, rest, "kg", freedom)})
+    own, total = table[f"u_{name}"].values, float(table[f"u_plate_{name}"])
+    stated = Input(0.0, min(float(1.0 / np.sqrt(np.sum(1.0 / own**2))), total))
+    times: dict[str, Factor] = {"clock": (clock(moved), -1.0)} if unit == "Hz" else {}  # damping is a ratio of times
+    rest = ("repeatability", total, max(own.size - 1.0, 1.0))
+    return product(text, unit, float(table[f"plate_{name}"]), times, {"noise": stated}, rest=rest)

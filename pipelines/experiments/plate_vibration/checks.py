@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, not_made
+from labpipe.judging import SLIPS, Cause, Check, bounded, compared, not_made
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -86,8 +86,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     for drops in settings.drops:
         falls = [rings[name] for name in drops.laser if name in rings]
         checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")
-    checks.append(_of_plate(plate))
-    checks += _momenta(table, plate, settings)
+    checks += _of_blows(table, plate, settings)
     inputs, shared = {}, {}
     if table is not None:
         own, _ = relative_uncertainty(table, settings)
@@ -95,11 +94,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
         inputs = {HEIGHT.format(drops_label(drops)): drops.height for drops in settings.drops}
     # of a body that cannot be, no blow tells which height is wrong
     causes = [] if of_body.level else list(_causes(table, plate, settings))
-    if not explain(checks, causes):
-        checks = [
-            replace(c, cause=_STATED) if c.name.startswith(_MOMENTUM_OF) and c.level and not c.cause else c
-            for c in checks
-        ]
     return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
 
 
@@ -117,21 +111,17 @@ def _of_interval(rings: Mapping[str, Fall], check: Check) -> Check:
     return replace(check, cause=f"{cause}, or that of the other file is wrong" if len(others) == 1 else cause)
 
 
-def _of_plate(plate: xr.Dataset | None) -> Check:
-    """Hold the plate that was found against those that there are."""
+def _of_blows(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Check]:
+    """Compare the plate that was found with those that there are, and every blow with the plate of the others."""
     name = "modal mass of the plate"
     if plate is None or not np.isfinite(mass := float(plate["mass"])):
-        return not_made(name, "a sphere, and a DMA experiment or a material of the library")
-    (low, high), u = map(log, _PLATES), max(float(plate["u_mass"]) / mass, 0.01)
-    text = f"the blows give a modal mass of {quantity(mass, 'kg')}"
-    check = bounded(name, text, log(mass), u, at_least=low, at_most=high, is_law=False)
-    cause = "lengths are in another unit than the file says, the gain or scale of the sensor is wrong, or sphere.mass "
-    cause += "is in another unit than was typed"
-    return replace(check, cause=cause, setting="sphere.mass" if check.level else "")
-
-
-def _momenta(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Check]:
-    """Hold the blow of every drop against the plate that the others find."""
+        yield not_made(name, "a sphere, and a DMA experiment or a material of the library")
+    else:
+        (low, high), u = map(log, _PLATES), max(float(plate["u_mass"]) / mass, 0.01)
+        text = f"the blows give a modal mass of {quantity(mass, 'kg')}"
+        cause = "lengths are in another unit than the file says, the gain or scale of the sensor is wrong, or "
+        place = {"cause": f"{cause}sphere.mass is in another unit than was typed", "setting": "sphere.mass"}
+        yield bounded(name, text, log(mass), u, at_least=low, at_most=high, is_law=False, **place)
     if table is None or plate is None:
         return
     for i, (drops, row) in enumerate(zip(settings.drops, amplitudes(table, plate, settings), strict=True)):
@@ -143,7 +133,7 @@ def _momenta(table: xr.Dataset | None, plate: xr.Dataset | None, settings: Plate
         text = f"{drops_label(drops)}: an amplitude of {quantity(seen, 'm')} seen, {quantity(expected, 'm')} "
         text += "expected for the plate that the other drops find"
         u = hypot(row.u_difference or nan, _MOMENTUM * seen)
-        yield compared(name, text, seen, u, expected, 0.0, setting=f"drops[{i}].height")
+        yield compared(name, text, seen, u, expected, 0.0, setting=f"drops[{i}].height", otherwise=_STATED)
 
 
 def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Cause]:

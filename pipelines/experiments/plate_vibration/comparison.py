@@ -13,7 +13,7 @@ from labpipe.variables import variable
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
-from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.experiments.shared.comparison_rows import Row, curve_row, curve_table, row
 
 SERIES, HEIGHT = "drop {}", "height, {}"
 """Inputs of the rows: what one of the drops, by its number, adds to the plate that all find, and its height."""
@@ -40,16 +40,16 @@ def comparison(
         curves.append(np.mean(shifted, axis=0))
     measured = np.array(curves)
     theirs = model["displacement"].values
-    both = np.isfinite(measured) & np.isfinite(theirs)
-    errors = [signals.nrmse(a[k], b[k]) if k.any() else np.nan for a, b, k in zip(measured, theirs, both, strict=True)]
-    bias = np.nanmean(measured - theirs, axis=1)
+    compared = [
+        (None, signals.nrmse(a, b), float(np.nanmean(a - b))) if np.isfinite(a - b).any() else (None, np.nan, np.nan)
+        for a, b in zip(measured, theirs, strict=True)
+    ]
     return xr.Dataset(
         {
             "measured": variable(("series", "time"), measured, "m", "displacement, mean of the repeats"),
             "model": variable(("series", "time"), theirs, "m", "simulated displacement"),
-            "nrmse": variable("series", errors, "1", "root-mean-square error over the range of the fit"),
-            "bias": variable("series", bias, "m", "mean of measured minus model"),
-        },
+        }
+        | curve_table("series", compared, "m"),
         coords={"series": table["series"], "time": model["time"]},
     )
 
@@ -82,8 +82,8 @@ def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settin
             "material": str(table["material"].values[i]),
             "condition": f"{float(table['height'][i]) * 1e3:g} mm",
         }
-        nrmse, bias, n = comparison["nrmse"][i], comparison["bias"][i], int(table["n"][i])
-        yield row("plate's displacement", "m", n, against="plate fitted to it", nrmse=nrmse, difference=bias, **of)
+        own, n = comparison.isel(series=i), int(table["n"][i])
+        yield curve_row("plate's displacement", "m", n, own, against="plate fitted to it", **of)
         if amplitude is not None:
             yield replace(amplitude, **of)
 
@@ -113,5 +113,5 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
             slopes=slopes,
             measured=(amplitude[i], amplitude[i] * of_amplitude[i]),
             model=(expected, expected * np.hypot(by_others, of_height[i])),
-            difference=(amplitude[i] - expected, middle * np.hypot(by_others, total[i])),
+            u_difference=middle * np.hypot(by_others, total[i]),
         )

@@ -1,7 +1,6 @@
 """Proposals of ``init``: laser exports named after the plate."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
@@ -10,9 +9,8 @@ from pipelines.experiments.shared.record_templates import laser_record
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for recordings of the plate."""
-    for stem, files in proposals.grouped(names, proposals.without_repeat):
-        if proposals.sees_plate(files[0]):
-            yield Proposed(stem, tuple(files), partial(_text, found, files))
+    ours = filter(proposals.sees_plate, names)
+    yield from proposals.of_groups(found, ours, proposals.without_repeat, _text)
 
 
 def _text(found: Found, files: Sequence[str], name: str) -> str:

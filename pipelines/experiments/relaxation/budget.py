@@ -12,6 +12,6 @@ def quantities(curves: Sequence[xr.Dataset]) -> Iterator[Quantity]:
     """Yield the relaxed reduced modulus of the first tests; nothing that was not found."""
     for number, curve in enumerate(curves[:TESTS], 1):
         if "reduced_modulus" in curve:
-            family, rows = "relaxed reduced modulus", json.loads(curve.attrs["budgets"])[0]
+            rows = json.loads(curve.attrs["budgets"])[0]
             modulus = float(curve["reduced_modulus"][0])
-            yield model_quantity(f"{family}, test {number}", modulus, "Pa", rows, family)
+            yield model_quantity(f"relaxed reduced modulus, test {number}", modulus, "Pa", rows)

@@ -11,31 +11,26 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
+from scipy.special import chdtrc
 
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
-from labpipe.signals import independent_count
+from labpipe.judging import LIKELY
+from labpipe.signals import estimate_noise
 from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
-from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.mach1_readings import relative_gain
+from pipelines.experiments.shared.mach1_touch import STEP
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 
 _ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
-_LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
-_STEP = 1e-7  # m, the step of the display outside a Sinusoid block
-_HELD = 0.9  # of the readings after the ramp, which must lie where it ended
 _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
 _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
 _PLATEAU = 0.1  # of a hold, its last part
-_BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 _BINS_PER_DECADE = 12  # of the relaxation curve
-_ENOUGH = 100  # readings from which noise is known to 7 %
-_NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
 _COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
     "travel": ("m", "travel of the ramp"),
@@ -64,49 +59,47 @@ def find(loads: xr.Dataset) -> list[dict[str, float]]:
     InputError
         The file holds none, or a block holds no ramp.
     """
-    found = []
+    found: list[dict[str, float]] = []
     for block in mach1_readings.blocks_of(loads, Relaxation.function):
-        rows = mach1_readings.rows(loads, block)
-        segment = loads["segment"].values[rows]
-        edges = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1, append=segment[-1] + 1))
-        previous = None
-        for first, after in pairwise(edges):
-            hold = _hold(loads, block, slice(rows.start + int(first), rows.start + int(after)), previous)
-            previous = hold["held"]
-            found.append(hold)
+        place, begins = mach1_readings.rows(loads, block), True
+        segment = loads["segment"].values[place]
+        for first, after in pairwise(np.flatnonzero(np.diff(segment, prepend=np.nan, append=np.nan)) + place.start):
+            rows = slice(int(first), int(after))
+            time, position, force = (loads[name].values[rows] for name in ("time", "position_z", "force"))
+            if not (np.isfinite(position).all() and np.isfinite(force).all()):
+                raise InputError(f"block {block + 1}: a reading of position or force is missing during the test")
+            held, start = float(np.median(position[position.size // 2 :])), float(position[0])
+            travel = held - (start if begins else found[-1]["held"])
+            if abs(travel) < 10 * STEP:
+                raise InputError(
+                    f"block {block + 1}: the stage moves by {travel * 1e6:.3g} µm only, so there is no ramp; a "
+                    "relaxation test has one"
+                )
+            near = max(_ARRIVED * abs(travel), 2 * STEP)
+            arrived = np.abs(position - held) <= near
+            begin = max(int(np.argmax(np.abs(position - held + travel) > near)) - 1, 0)
+            end = int(np.argmax(arrived))
+            if time.size - end < _FEWEST or not np.median(arrived[end:]):
+                raise InputError(f"block {block + 1}: the stage is not held after its ramp")
+            since, arrival, last = (float(time[i]) for i in (begin, end, -1))
+            speed = mach1_readings.ramp_speed(time[: end + 1], position[: end + 1])
+            found.append(
+                {
+                    "held": held,
+                    "travel": travel,
+                    "speed": speed if np.isfinite(speed) else travel / max(arrival - since, 1e-9),
+                    "begin": since,
+                    "end": arrival,
+                    "plateau_begin": last - _PLATEAU * (last - arrival),
+                    "last": last,
+                    "duration": last - arrival,
+                    "block": float(block),
+                    "first": float(rows.start),
+                    "stop": float(rows.stop),
+                }
+            )
+            begins = False
     return found
-
-
-def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) -> dict[str, float]:
-    time, position, force = (loads[name].values[rows] for name in ("time", "position_z", "force"))
-
-    def refused(text: str) -> InputError:
-        return InputError(f"block {block + 1}: {text}")
-
-    if not (np.isfinite(position).all() and np.isfinite(force).all()):
-        raise refused("a reading of position or force is missing during the test")
-    held = float(np.median(position[position.size // 2 :]))
-    start = float(position[0]) if previous is None else previous
-    travel = held - start
-    if abs(travel) < _LEAST_TRAVEL:
-        raise refused(f"the stage moves by {travel * 1e6:.3g} µm only, so there is no ramp; a relaxation test has one")
-    near = max(_ARRIVED * abs(travel), 2 * _STEP)
-    arrived = np.abs(position - held) <= near
-    first, end = max(int(np.argmax(np.abs(position - start) > near)) - 1, 0), int(np.argmax(arrived))
-    if not arrived.any() or time.size - end < _FEWEST:
-        raise refused("the stage is not held after its ramp")
-    if np.mean(arrived[end:]) < _HELD:
-        raise refused("the stage moves on after its ramp; a relaxation test holds it")
-    share = (position - start) / travel
-    middle = (share > 0.1) & (share < 0.9) & (np.arange(time.size) <= end)
-    speed = travel / max(float(time[end] - time[first]), 1e-9)
-    if middle.sum() > 2:
-        speed = float(np.polyfit(time[middle], position[middle], 1)[0])
-    begin, arrival, last = (float(time[i]) for i in (first, end, -1))
-    moved = {"held": held, "travel": travel, "speed": speed, "begin": begin, "end": arrival, "last": last}
-    plateau = last - _PLATEAU * (last - arrival)
-    places = {"block": float(block), "first": float(rows.start), "stop": float(rows.stop)}
-    return moved | places | {"duration": last - arrival, "plateau_begin": plateau}
 
 
 def samples(ramps: xr.Dataset) -> list[slice]:
@@ -120,48 +113,52 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     Where the stage position of first touch is NaN depths are too.
     """
     known = mach1_readings.first_touch(loads, settings.contact)
-    touch = mach1_readings.touch_of(known)
-    rows = [hold | _forces(loads, hold, touch) for hold in find(loads)]
+    touch, rows = mach1_readings.touch_of(known), []
+    for hold, inside in ((hold, slice(int(hold["first"]), int(hold["stop"]))) for hold in find(loads)):
+        since, force = loads["time"].values[inside] - hold["end"], loads["force"].values[inside]
+        where, peak = f"block {int(hold['block']) + 1}", float(force.max())
+        if np.ptp(force) == 0.0:
+            raise InputError(f"{where}: the force is the same in all readings; the load cell did not record")
+        middles = np.array([0.5, 0.75, 1 - 0.5 * _PLATEAU])[:, None] * hold["duration"]
+        tenths = np.abs(since - middles) <= (0.5 * _PLATEAU + 1e-9) * hold["duration"]
+        half, later, level = (float(force[tenth].mean()) for tenth in tenths)
+        u_half, _, u_level = _u_of_means(since, force, tenths.sum(axis=1)).tolist()
+        # The force at half and at three quarters of the hold shows how fast its fall slows down; a fall that goes on
+        # so, each quarter the same share of the one before, ends lower: a rectangle of twice this half width.
+        falls = max(later - level, 0.0)
+        share = float(np.clip(falls / max(half - later, u_half, 1e-12), 0.0, _SLOWEST))
+        rest = 2.0 * falls * share / (1.0 - share) / float(np.sqrt(3.0))
+        if rest > _UNFINISHED * level:
+            warnings.warn(
+                f"{where}: the force is still falling at the end of the hold from {hold['end']:.4g} s, by "
+                f"about {50 * np.sqrt(3.0) * rest / level:.1f} % more: the plateau is not relaxed",
+                stacklevel=2,
+            )
+        forces = {
+            "depth": hold["held"] - touch.value,
+            "u_depth": float(np.hypot(touch.u, STEP / np.sqrt(12))),
+            "peak_force": peak,
+            "u_peak_force": float(np.hypot(np.nanmax(loads["u_force"].values), systematic(loads, peak))),
+            "plateau_force": level,
+            "u_plateau_force": float(np.hypot(u_level, systematic(loads, level))),
+            "unfinished": rest,
+        }
+        rows.append(hold | forces)
     made = xr.Dataset(from_rows("ramp", rows, _COLUMNS), coords={"ramp": np.arange(1, len(rows) + 1)})
     return made.merge(known).assign_attrs(known.attrs, work=json.dumps({"ramps": len(rows)}))
 
 
-def _forces(loads: xr.Dataset, hold: dict[str, float], touch: Quantity) -> dict[str, float]:
-    """Return depth, peak and plateau of a ramp and its hold."""
-    rows, number = slice(int(hold["first"]), int(hold["stop"])), int(hold["block"]) + 1
-    since, force = loads["time"].values[rows] - hold["end"], loads["force"].values[rows]
-    if np.ptp(force) == 0.0:
-        raise InputError(f"block {number}: the force is the same in all readings; the load cell did not record")
-    middles = np.array([0.5, 0.75, 1 - 0.5 * _PLATEAU])[:, None] * hold["duration"]
-    tenths = np.abs(since - middles) <= (0.5 * _PLATEAU + 1e-9) * hold["duration"]
-    half, later, level = (float(force[tenth].mean()) for tenth in tenths)
-    u_half, _, u_level = _u_of_means(loads, since, force, tenths.sum(axis=1)).tolist()
-    # The force at half and at three quarters of the hold shows how fast its fall slows down; a fall that goes on so,
-    # each quarter the same share of the one before, ends lower by a known amount: a rectangle of twice this half width.
-    falls = max(later - level, 0.0)
-    share = float(np.clip(falls / max(half - later, u_half, 1e-12), 0.0, _SLOWEST))
-    rest = 2.0 * falls * share / (1.0 - share) / float(np.sqrt(3.0))
-    if rest > _UNFINISHED * level:
-        warnings.warn(
-            f"block {number}: the force is still falling at the end of the hold from {hold['end']:.4g} s, by "
-            f"about {50 * np.sqrt(3.0) * rest / level:.1f} % more: the plateau is not relaxed",
-            stacklevel=2,
-        )
-    peak = float(force.max())
-    return {
-        "depth": hold["held"] - touch.value,
-        "u_depth": float(np.hypot(touch.u, _STEP / np.sqrt(12))),
-        "peak_force": peak,
-        "u_peak_force": float(np.hypot(np.nanmax(loads["u_force"].values), systematic(loads, peak))),
-        "plateau_force": level,
-        "u_plateau_force": float(np.hypot(u_level, systematic(loads, level))),
-        "unfinished": rest,
-    }
-
-
 def systematic(loads: xr.Dataset, force: float) -> float:
     """Return the uncertainty of a force by tare and gain [N]; an unknown gain adds nothing."""
-    return float(np.hypot(float(loads["u_tare"]), relative_gain(loads) * force))
+    return float(np.hypot(float(loads["u_tare"]), mach1_readings.relative_gain(loads) * force))
+
+
+def _u_of_means(since: Floats, force: Floats, count: Integers) -> Floats:
+    """Return the standard uncertainty [N] of means of so many readings, by the noise of the second half of a hold."""
+    noise = estimate_noise(force[since >= 0.5 * since[-1]])
+    u = noise.sigma / np.sqrt(np.maximum(count, 1.0))
+    # readings that stay on one step do not average out
+    return np.asarray(np.maximum(u, noise.step / 12.0**0.5) if noise.sigma < 0.5 * noise.step else u)
 
 
 def curves(
@@ -169,96 +166,72 @@ def curves(
 ) -> xr.Dataset:
     """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
 
+    The force of every hold is binned over the logarithm of the time since the stage arrived, at the bins' mean times.
     Of the named material only Poisson's ratio is used.
     """
-    result = _relaxation_curves(loads, ramps)
-    touch = float(ramps["contact_position"])
-    if settings.punch is None or not np.isfinite(touch):
-        reason = "no punch is named" if settings.punch is None else ramps.attrs["contact"]
-        return result.assign_attrs(absent=f"no modulus was found: {reason}")
-    substrate = settings.substrate
-    nu = None if substrate is None else float(resolve(substrate, material_file, fitted).nu)
-    geometry = Geometry.of(settings.punch, substrate, settings.model, nu)
-    moduli = [_modulus(loads, ramps.isel(ramp=i), geometry) for i in range(ramps.sizes["ramp"])]
-    columns = {
-        "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
-        "reduced_modulus_own_part": ("Pa", "part of its uncertainty that other depths do not share"),
-    }
-    result = result.merge(xr.Dataset(from_rows("ramp", [m for m, _ in moduli], columns)))
-    result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
-    result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
-    return result
-
-
-def _relaxation_curves(loads: xr.Dataset, ramps: xr.Dataset) -> xr.Dataset:
-    """Bin the force of every hold over the logarithm of the time since the stage arrived, at the bins' mean times."""
-    interval = float(loads["sampling_interval"][int(ramps["block"][0])])
-    longest = float(ramps["duration"].max())
+    interval, longest = float(loads["sampling_interval"][int(ramps["block"][0])]), float(ramps["duration"].max())
     edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * _BINS_PER_DECADE) + 2)
     text = "force in the hold, as recorded behind the cell's filter"
-    columns = {
+    words = {
         "force": ("N", text),
         "u_force": ("N", f"standard uncertainty from noise: {text}"),
         "mean_time": ("s", "mean time of a bin's readings since the stage arrived"),
         "time_spread": ("s", "standard deviation of the times of a bin's readings"),
     }
-    table = np.full((len(columns), ramps.sizes["ramp"], edges.size - 1), np.nan)
+    table = np.full((len(words), ramps.sizes["ramp"], edges.size - 1), np.nan)
     for i, (rows, end) in enumerate(zip(samples(ramps), ramps["end"].values, strict=True)):
         since, force = loads["time"].values[rows] - end, loads["force"].values[rows]
-        place = np.searchsorted(edges, since, side="right") - 1
-        inside = (place >= 0) & (place < edges.size - 1)
-        bins = pd.DataFrame({"time": since[inside], "force": force[inside]}).groupby(place[inside])
-        mean, count = bins.mean(), bins.size()
-        u = _u_of_means(loads, since, force, np.asarray(count, np.int64))
-        table[:, i, count.index] = mean["force"], u, mean["time"], bins["time"].std(ddof=0)
+        bins = pd.DataFrame({"time": since, "force": force}).groupby(np.searchsorted(edges, since, side="right") - 1)
+        mean, u = bins.mean(), _u_of_means(since, force, np.asarray(bins.size(), np.int64))
+        made = np.array([mean["force"], u, mean["time"], bins["time"].std(ddof=0)])
+        inside = (mean.index >= 0) & (mean.index < edges.size - 1)
+        table[:, i, mean.index[inside]] = made[:, inside]
     kept = np.isfinite(table[0]).any(axis=0)
     lag = np.sqrt(edges[1:] * edges[:-1])[kept]
-    return xr.Dataset(
-        {
-            name: variable(("ramp", "lag"), values[:, kept], *words)
-            for (name, words), values in zip(columns.items(), table, strict=True)
-        },
+    dims = ("ramp", "lag")
+    result = xr.Dataset(
+        {name: variable(dims, one[:, kept], *words[name]) for name, one in zip(words, table, strict=True)},
         coords={"ramp": ramps["ramp"], "lag": variable("lag", lag, "s", "time since the stage arrived")},
     )
+    if settings.punch is None or not np.isfinite(float(ramps["contact_position"])):
+        reason = "no punch is named" if settings.punch is None else ramps.attrs["contact"]
+        return result.assign_attrs(absent=f"no modulus was found: {reason}")
+    substrate = settings.substrate
+    nu = None if substrate is None else float(resolve(substrate, material_file, fitted).nu)
+    geometry = Geometry.of(settings.punch, substrate, settings.model, nu)
+    moduli = [reduced_modulus(loads, ramps.isel(ramp=i), geometry) for i in range(ramps.sizes["ramp"])]
+    columns = {
+        "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
+        "reduced_modulus_own_part": ("Pa", "part of its uncertainty that other depths do not share"),
+    }
+    result = result.merge(xr.Dataset(from_rows("ramp", [m for m, _ in moduli], columns)))
+    result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
+    return result.assign_attrs(budgets=json.dumps([b for _, b in moduli]))
 
 
-def _u_of_means(loads: xr.Dataset, since: Floats, force: Floats, count: Integers) -> Floats:
-    """Return the standard uncertainty [N] of means of so many readings, by the noise of the second half of a hold."""
-    late = since >= 0.5 * since[-1]
-    step = float(loads.attrs.get("resolution", 0.0))
-    sd, memory = float(np.nanmax(loads["u_force"].values)), 1.0
-    if late.sum() >= _ENOUGH:
-        log_time = np.log(since[late])
-        rest = force[late] - np.polynomial.Polynomial.fit(log_time, force[late], _NOISE_TREND)(log_time)
-        # the cell's filter ties neighbouring readings together
-        sd, memory = float(rest.std()), rest.size / independent_count(rest)
-    least = step / np.sqrt(12.0)
-    u = max(sd, least) / np.sqrt(np.maximum(count / memory, 1.0))
-    return np.asarray(np.maximum(u, least) if sd < step / 2 else u)
-
-
-def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dict[str, float], list[Row]]:
-    """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
+def reduced_modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dict[str, float], list[Row]]:
+    """Invert the plateau of one ramp and hold: reduced modulus, its uncertainty, and the budget."""
     depth, force = float(at["depth"]), float(at["plateau_force"])
     if depth <= 0:
         message = f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch cannot be right"
         raise InputError(message)
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
     of_force, noise = value / force, excess_uncertainty(float(at["u_plateau_force"]), systematic(loads, force))
+    # a deeper contact at the same force is a softer one
+    of_punch = relative_sources(depth, float(at["u_depth"]), geometry)
+    *shape, touch = (s._replace(sensitivity=-value * s.sensitivity) for s in of_punch)
     own = [
         Source("noise", 0.0, noise, "N", of_force, "random"),
         Source("tare", float(loads["tare"]), float(loads["u_tare"]), "N", -of_force, "systematic"),
         Source("unfinished relaxation", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
+        touch,
     ]
-    # a deeper contact at the same force is a softer one
-    of_punch = relative_sources(depth, float(at["u_depth"]), geometry)
-    *shape, touch = (s._replace(sensitivity=-value * s.sensitivity) for s in of_punch)
     gain = Source("gain", float(loads["gain"]), float(np.nan_to_num(loads["u_gain"])), "1", value, "systematic")
-    sources = [*own, gain, *shape, touch]
+    sources = [*own, gain, *shape]
     row = {
         "reduced_modulus": value,
         "u_reduced_modulus": combined_uncertainty(sources),
-        "reduced_modulus_own_part": combined_uncertainty([*own, touch]),
+        "reduced_modulus_own_part": combined_uncertainty(own),
     }
     return row, budget_rows(sources)
 
@@ -283,8 +256,9 @@ def tests(
     value, own, whole = (made[name].values[np.isfinite(made["reduced_modulus"])] for name in names)
     # weighted by the part of u that the tests do not share, with the Birge ratio
     mean, weights = np.average(value, weights=1 / own**2, returned=True)
-    birge = max(1.0, float(np.sqrt(np.sum(((value - mean) / own) ** 2) / max(value.size - 1, 1))))
-    if birge > _BIRGE_LIMIT:
+    square = float(np.sum(((value - mean) / own) ** 2))
+    birge = max(1.0, float(np.sqrt(square / max(value.size - 1, 1))))
+    if chdtrc(value.size - 1, square) < LIKELY:
         warnings.warn(
             f"the moduli of the depths differ by {birge:.1f} times their uncertainties: the rubber "
             "is not linear, or the punch is not what session.toml says",

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, LineChart, Listed, Notice, Section, Series, listed, quantity
+from labpipe.report import Band, LineChart, Listed, Notice, Section, Series, listed, quantity
 from pipelines.experiments.relaxation.budget import quantities
-from pipelines.experiments.relaxation.comparison import rows as compared_rows
+from pipelines.experiments.relaxation.comparison import rows
 from pipelines.experiments.relaxation.measured import samples
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.punch_sections import measured, simulated_by, without_model
-from pipelines.experiments.shared.reports import Report, budgets, is_there, summary
-
-_RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
+from pipelines.experiments.shared.reports import Report, is_there
 
 
 def _label(tests: xr.Dataset | None, number: int) -> str:
@@ -28,13 +26,11 @@ def _label(tests: xr.Dataset | None, number: int) -> str:
 def _details(
     settings: Relaxation, tests: xr.Dataset | None = None, ramps: Sequence[xr.Dataset] | None = None
 ) -> list[tuple[str, str, str]]:
-    rows = list[tuple[str, str, str]]()
-    for name, title, remark in (
-        ("mean_relaxed_modulus", "relaxed modulus", "in tension, from the plateaus of all tests"),
-        ("mean_reduced_modulus", "relaxed reduced modulus", "E/(1 − ν²), from the plateaus of all tests"),
-    ):
-        if tests is not None and name in tests and np.isfinite(float(tests[name])) and not rows:
-            rows.append((title, pages.told(tests, name), remark))
+    moduli = {
+        "mean_relaxed_modulus": ("relaxed modulus", "in tension, from the plateaus of all tests"),
+        "mean_reduced_modulus": ("relaxed reduced modulus", "E/(1 − ν²), from the plateaus of all tests"),
+    }
+    rows = pages.known(tests, moduli)[:1]
     if ramps:
         begin, end, last = (float(ramps[0][name][0]) for name in ("begin", "end", "last"))
         until = quantity(np.sqrt((end - begin) * (last - end)), "s", 2)
@@ -47,15 +43,12 @@ def _tests(tests: xr.Dataset, curves: Sequence[xr.Dataset] = ()) -> Section:
     top, level = tests["peak_force"].values, tests["plateau_force"].values
     # the cell's gain is in both and cancels, so that this is rather too large
     u = np.abs(top / level) * np.hypot(tests["u_peak_force"].values / top, tests["u_plateau_force"].values / level)
+    titles = {"speed": "ramp speed", "duration": "hold", "reduced_modulus": "reduced modulus"}
     columns = (
         Listed("test", list(json.loads(tests.attrs["names"]))),
-        *([pages.column(tests, "depth", "depth")] if np.isfinite(tests["depth"]).any() else []),
-        pages.column(tests, "peak_force", "peak"),
-        pages.column(tests, "plateau_force", "plateau"),
+        *pages.columns(tests, {"depth": "depth", "peak_force": "peak", "plateau_force": "plateau"}),
         Listed("peak/plateau", (top / level).tolist(), u=u.tolist()),
-        pages.column(tests, "speed", "ramp speed"),
-        pages.column(tests, "duration", "hold"),
-        *([pages.column(tests, "reduced_modulus", "reduced modulus")] if "reduced_modulus" in tests else []),
+        *pages.columns(tests, titles),
     )
     caption = (
         "The peak is as recorded, behind the load cell's filter if it has one; the plateau is the mean over the end of "
@@ -72,47 +65,51 @@ def _forces(
     comparison: Sequence[xr.Dataset],
     curves: Sequence[xr.Dataset] | None = None,
     tests: xr.Dataset | None = None,
+    near: float = 2.0,
 ) -> list[Section]:
-    """Draw the force around each ramp sample by sample, and the means of all holds over the logarithm of time."""
-    charts, drawn, gaps = list[Block](), list[Series](), list[Series | Band]()
-    for number, (load, ramp, compared) in enumerate(zip(loads, ramps, comparison, strict=True)):
-        has_model, names = is_there(compared), ("simulated_force", "u_simulated_force")
-        is_filtered = has_model and mach1_readings.declared_filter(load)
-        caption = "The load cell's filter was applied to the model too." if is_filtered else ""
-        for i, rows in enumerate(samples(ramp)):
-            label, begin = _label(tests, len(charts)), float(ramp["begin"][i] - ramp["end"][i])
-            since, force = load["time"].values[rows] - float(ramp["end"][i]), load["force"].values[rows]
-            model = [compared[name].values[rows] for name in names] if has_model else []
-            near = (since >= begin - _RAMP_VIEW) & (since <= _RAMP_VIEW)
-            series: list[Series | Band] = [Series("measured", since[near] - begin, force[near], role="measured")]
-            series += pages.model_curves(since[near] - begin, *(one[near] for one in model)) if model else ()
-            labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N", tuple(series))
-            charts.append(LineChart(*labels, group="ramps", height_px=240, caption=caption))
-            if curves is None:
-                continue
-            means = np.array([curves[number][name].values[i] for name in ("mean_time", "force", "u_force")])
-            lag, force, u = means[:, np.isfinite(means[1])]
-            drawn.append(Series(f"{label}, measured", lag, force, style="points", role="measured"))
-            if model:
-                theirs, wide = (np.interp(lag, since, one) for one in model)
-                drawn.append(Series(f"{label}, model", lag, theirs, role="model"))
-                gaps.append(Series(label, lag, force - theirs, role="residual", u=u))
-                gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
-    sections, x = [Section("Ramp and peak", tuple(charts))], "time since the stage arrived / s"
-    if drawn:
-        caption = "Means over equal steps of the logarithm of time."
-        holds = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
-        caption = (
-            "Bars: noise of each mean, one standard uncertainty. An error of the depth, the gain or the modulus shifts "
-            "the whole curve; the area is the uncertainty of the model."
+    """Draw the force around each ramp, ``near`` it [s], and the means of all holds over the logarithm of time."""
+    around, drawn, gaps = list[Series](), list[Series](), list[Series]()
+    places = [(n, i, part) for n, ramp in enumerate(ramps) for i, part in enumerate(samples(ramp))]
+    for place, (n, i, part) in enumerate(places):
+        load, ramp, compared = loads[n], ramps[n], comparison[n]
+        label, level = _label(tests, place), pages.level(place, len(places))
+        since, force = load["time"].values[part] - float(ramp["end"][i]), load["force"].values[part]
+        model = [compared[f"{u}simulated_force"].values[part] for u in ("", "u_")] if is_there(compared) else []
+        shown, begin = np.abs(since) <= near, float(ramp["begin"][i] - ramp["end"][i])
+        around.append(Series(label, since[shown] - begin, force[shown], role="measured", level=level))
+        if model:
+            near_it = (one[shown] for one in model)
+            around += pages.model_curves(since[shown] - begin, near_it, f"{label}, model", level=level)
+        if curves is None:
+            continue
+        means = np.array([curves[n][name].values[i] for name in ("mean_time", "force", "u_force")])
+        lag, force, u = means[:, np.isfinite(means[1])]
+        drawn.append(Series(label, lag, force, style="points", role="measured", u=u, level=level))
+        if model:
+            theirs, wide = (np.interp(lag, since, one) for one in model)
+            drawn.append(Series(f"{label}, model", lag, theirs, role="model", level=level))
+            gaps.append(Series(label, lag, force - theirs, role="residual", u=u, level=level))
+            gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model", level=level))
+    is_filtered = any(map(mach1_readings.declared_filter, loads)) and any(map(is_there, comparison))
+    filtered = "The load cell's filter was applied to the model too." * is_filtered
+    caption = (
+        "Bars: noise of each mean, one standard uncertainty. An error of the depth, the gain or the modulus shifts "
+        "the whole curve; the area is the uncertainty of the model."
+    )
+    labels = ("Force around the ramp", "time since the ramp began / s", "force / N", around)
+    holds = [
+        LineChart(title, "time since the stage arrived / s", label, shown, x_scale="log", height_px=tall, caption=text)
+        for title, label, shown, tall, text in (
+            ("Relaxation", "force / N", drawn, 320, "Means over equal steps of the logarithm of time."),
+            ("Measured minus model", "difference / N", gaps, 200, caption),
         )
-        labels = ("Measured minus model", x, "difference / N", tuple(gaps))
-        holds += [LineChart(*labels, x_scale="log", height_px=200, caption=caption)] if gaps else []
-        sections.append(Section("Relaxation", tuple(holds)))
-    return sections
+        if shown
+    ]
+    ramp_chart = [LineChart(*labels, height_px=320, caption=filtered)] if around else []
+    return [Section("Ramp and peak", ramp_chart), Section("Relaxation", holds)]
 
 
-def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
+def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> str:
     depths = tests["depth"].values * 1e3
     speed, hold = float(np.median(tests["speed"])) * 1e3, float(np.median(tests["duration"]))
     punch = "a punch" if settings.punch is None else "a periodic punch"
@@ -132,14 +129,17 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
         )
     if "nrmse_all" in tests:
         text += simulated_by(tests["nrmse_all"].values)
-    return pages.methods(text, settings)
+    return text
 
 
 page = Report(
-    "Stress relaxation",
-    ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (summary(compared_rows, _details), measured, _tests, _forces, budgets(quantities), _methods),
-    compared_rows,
+    subtitle="Stress relaxation",
+    shown=("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
+    details=_details,
+    rows=rows,
+    sections=(measured, _tests, _forces),
+    budget=quantities,
+    methods=_methods,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)
     ),

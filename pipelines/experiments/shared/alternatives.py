@@ -23,12 +23,6 @@ from pipelines.experiments.shared.material_choice import fitted_at, resolve
 from pipelines.experiments.shared.proposals import POLYMERS
 from pipelines.experiments.shared.settings import Sphere
 
-_REACH, _NODES = 60.0, 13
-"""K by which another temperature may differ from the stated one, and temperatures that are simulated."""
-_FINE = 0.1  # K
-_FALLS = 8.0  # times the first fall, within which three impacts follow
-_RTOL = 1e-3
-
 _ACRONYMS = ("nbr", "peek", "ptfe")
 
 SOURCES = ("material_file", "fitted", "plate")
@@ -46,11 +40,21 @@ class Alternative(NamedTuple):
     is_excluded: bool = False
 
 
-def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any) -> list[Alternative]:
+def of_drop(
+    rows: Sequence[Row],
+    covariance: Floats,
+    given: Given,
+    settings: Any,
+    *,
+    reach: float = 60.0,
+    nodes: int = 13,
+    rtol: float = 1e-3,
+) -> list[Alternative]:
     """Simulate a drop of the other polymers of library and session, and at the temperature that explains most.
 
     ``rows`` are the compared values, ``covariance`` (row, row) is that of their differences, and ``given`` holds
-    :data:`SOURCES` of the stated drop.
+    :data:`SOURCES` of the stated drop. That temperature lies within the ``reach`` [K] of the stated one, between
+    ``nodes`` that are simulated with the tolerance ``rtol``.
     """
     material_file, fitted, plate = map(given.get, SOURCES)
     measured: Mapping[str, xr.Dataset] = given.get("others") or {}
@@ -61,9 +65,8 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
         f"the material of {name}": _solid(sphere, None, curve, "", temperature) for name, curve in measured.items()
     }
     others = {name: solid for name, solid in known.items() if solid is not None}
-    nodes = np.empty(0) if temperature is None else temperature + np.linspace(-_REACH, _REACH, _NODES)
-    at_nodes = {float(T): _solid(sphere, material_file, fitted, "", float(T)) for T in nodes}
-    warmer = {T: solid for T, solid in at_nodes.items() if solid is not None}
+    steps = [] if temperature is None else (temperature + np.linspace(-reach, reach, nodes)).tolist()
+    warmer = {T: solid for T in steps if (solid := _solid(sphere, material_file, fitted, "", T)) is not None}
     solids = [resolve(sphere, material_file, fitted), *others.values(), *warmer.values()]
     gravity, height = settings.model.gravity.value, settings.height.value
     try:
@@ -72,10 +75,10 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
             sphere.radius.value,
             sphere.mass.value,
             height,
-            _FALLS * float(np.sqrt(2.0 * height / gravity)),
+            2 * IMPACTS * float(np.sqrt(2.0 * height / gravity)),  # no flight lasts longer than twice the fall
             IMPACTS,
             settings.model.profile,
-            _RTOL,
+            rtol,
             gravity=gravity,
             plate=resolve_plate(settings.plate, plate),
             substrate=counter_body_of(settings.counter_body),
@@ -96,8 +99,9 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     whole = np.isfinite(of_warmer).all(axis=1)
     if temperature is None or whole.sum() < 4:
         return found
-    fine = np.arange(temperatures[whole][0], temperatures[whole][-1], _FINE)
-    curves = CubicSpline(temperatures[whole], of_warmer[whole])(fine)
+    known_at = temperatures[whole]
+    fine = np.linspace(known_at[0], known_at[-1], 100 * nodes)
+    curves = CubicSpline(known_at, of_warmer[whole])(fine)
     best = int(np.argmin([agreement(each, covariance).chi2 for each in curves]))
     text = f"the temperature was probably {fine[best]:.1f} °C, not {temperature:.4g} °C (sphere.temperature)"
     is_excluded = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.inside.u or np.inf)

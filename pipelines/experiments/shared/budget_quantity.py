@@ -5,19 +5,25 @@ type A with n − 1 degrees of freedom.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, sqrt
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.uncertainty import Input, Model, scatter_beyond
+from labpipe.uncertainty import Input, Model, excess_uncertainty, linear_budget, scatter_beyond
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 
-TESTS = 3
-"""Depths or frequencies of an indentation that are shown."""
+TESTS = IMPACTS
+"""Depths or frequencies of an indentation that are shown, as many as impacts of a drop."""
+
+Factor = tuple[Input, float | Callable[[float], float]]
+"""An input to which a quantity goes with a power, or by a function of it that is 1 at its value."""
 
 MEASURED = "measured"
 """Name of the input that is the result as read; its uncertainty is in the others."""
@@ -27,15 +33,18 @@ MEASURED = "measured"
 class Quantity:
     """One reported quantity as a formula of uncertain inputs.
 
-    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``; ``family``: common name of quantities of
-    the same sense; the name where it is empty.
+    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``.
     """
 
     name: str
     unit: str
     model: Model
     inputs: dict[str, Input]
-    family: str = ""
+
+    @property
+    def family(self) -> str:
+        """The name without impact, test, or place: that of quantities of the same sense."""
+        return re.sub(r",? (impact|test|at) .*", "", self.name)
 
 
 def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
@@ -53,23 +62,42 @@ def clock(displacement: xr.Dataset) -> Input:
     return Input(1.0, float(json.loads(displacement.attrs["time_base"])["u_relative"]))
 
 
-def summed(**inputs: float) -> float:
-    """Add all inputs: the formula of a result with errors of its own unit."""
-    return sum(inputs.values())
+def product(
+    name: str,
+    unit: str,
+    value: float,
+    factors: Mapping[str, Factor] = MappingProxyType({}),
+    errors: Mapping[str, Input] = MappingProxyType({}),
+    rest: tuple[str, float, float] | None = None,
+) -> Quantity:
+    """Return a quantity that goes with powers of its ``factors``, and has ``errors`` of its own unit.
 
-
-def of_laser(displacement: xr.Dataset, value: float, unit: str = "m") -> tuple[Model, dict[str, Input]]:
-    """Return a length or speed along the motion as a formula of the sensor's scale, and the inputs of that.
-
-    Further inputs of the formula are errors of the value, in its unit, and the ``clock`` of a speed.
+    The ``rest`` is one more error: its name, the uncertainty of the whole, of which the others are a part, and its
+    degrees of freedom.
     """
+
+    def model(**inputs: float) -> float:
+        made = value
+        for key, (given, power) in factors.items():
+            made *= power(inputs[key]) if callable(power) else (inputs[key] / given.value) ** power
+        return made + sum(inputs[key] for key in inputs.keys() - factors.keys())
+
+    inputs = {key: given for key, (given, _) in factors.items()}
+    inputs |= {key: one._replace(unit=unit) for key, one in errors.items()}
+    if rest is not None:
+        left = excess_uncertainty(rest[1], linear_budget(model, inputs).u if inputs else 0.0)
+        inputs[rest[0]] = Input(0.0, left, unit, rest[2])
+    return Quantity(name, unit, model, inputs)
+
+
+def of_laser(displacement: xr.Dataset, power: float = 1.0) -> dict[str, Factor]:
+    """Return the sensor's scale, to which a length or speed along the motion goes with a power."""
     angle, u_gain = float(displacement["inclination"]), float(displacement["u_gain"]) / float(displacement["gain"])
-
-    def along(measured: float, gain: float, inclination: float, clock: float = 1.0, **errors: float) -> float:
-        return measured * gain * cos(angle) / cos(inclination) / clock + sum(errors.values())
-
     tilt = Input(angle, float(displacement["u_inclination"]), "rad")
-    return along, {MEASURED: Input(value, 0.0, unit), "gain": Input(1.0, u_gain), "inclination": tilt}
+    return {
+        "gain": (Input(1.0, u_gain), power),
+        "inclination": (tilt, lambda inclination: (cos(angle) / cos(inclination)) ** power),
+    }
 
 
 def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 0) -> Iterator[Quantity]:
@@ -79,7 +107,7 @@ def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 
         yield model_quantity(name, value, unit, json.loads(model.attrs["budget"]))
 
 
-def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], family: str = "") -> Quantity:
+def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]]) -> Quantity:
     """Return a result of a model, of which only the sensitivities are known.
 
     Rows are those of :func:`labpipe.uncertainty.budget_rows`.
@@ -91,4 +119,4 @@ def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[st
 
     inputs = {MEASURED: Input(value, 0.0, unit)}
     inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
-    return Quantity(name, unit, model, inputs, family)
+    return Quantity(name, unit, model, inputs)

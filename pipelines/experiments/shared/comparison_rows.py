@@ -11,15 +11,12 @@ import xarray as xr
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
 from labpipe.report import quantity, value_with_uncertainty
-from labpipe.signals import nrmse
 from labpipe.variables import variable
 
 IMPACTS = 3
 """Impacts that are compared one by one, and have a budget; the thesis compares the first three."""
 FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 """Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
-_WORDS = ("against", "slopes", "simulated")
-"""Arguments of a row that are no numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,29 +90,45 @@ class Row:
         return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve", "simulated")}
 
 
-def row(quantity: str, unit: str, n: int, *, material: str = "", condition: str = "", **values: Any) -> Row:
+def row(
+    quantity: str,
+    unit: str,
+    n: int,
+    *,
+    material: str = "",
+    condition: str = "",
+    against: str = "model",
+    slopes: Mapping[str, float] | None = None,
+    simulated: tuple[str, int] | None = None,
+    **values: Any,
+) -> Row:
     """Return a row without its experiment; numbers that are not finite become None.
 
-    A value with its standard uncertainty is given as a pair.
+    A value with its standard uncertainty is given as a pair. The difference is by default that of the two values,
+    which are independent.
 
     Examples
     --------
-    >>> made = row("restitution", "1", 3, measured=(0.8, 0.1), model=0.7)
-    >>> made.measured, made.u_measured, made.u_model
-    (0.8, 0.1, None)
+    >>> made = row("restitution", "1", 3, measured=(0.8, 0.03), model=(0.7, 0.04))
+    >>> made.measured, f"{made.difference:.2f} ± {made.u_difference:.2f}"
+    (0.8, '0.10 ± 0.05')
     """
-    made: dict[str, Any] = {name: values.pop(name) for name in _WORDS if name in values}
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    made |= {name: float(value) for name, value in values.items() if value is not None and np.isfinite(value)}
+    made: dict[str, Any] = {n: float(v) for n, v in values.items() if v is not None and np.isfinite(v)}
+    if {"measured", "model"} <= made.keys():
+        made.setdefault("difference", made["measured"] - made["model"])
+        made.setdefault("u_difference", float(np.hypot(made.get("u_measured", 0.0), made.get("u_model", 0.0))))
     if "degrees_of_freedom" in made:
         made["degrees_of_freedom"] = told_freedom(made["degrees_of_freedom"])
-    return Row("", "", material, condition, quantity, unit, n, **made)
+    return Row(
+        "", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, simulated=simulated, **made
+    )
 
 
-def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
+def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[float, float]:
     """Return one of the values of a result, and its standard uncertainty."""
-    return result[name][i], result[f"u_{name}"][i]
+    return float(result[name].values[i]), float(result[f"u_{name}"].values[i])
 
 
 def told_freedom(value: float) -> float:
@@ -123,44 +136,56 @@ def told_freedom(value: float) -> float:
     return int(value) if value == int(value) else round(value, 1)
 
 
-_OF_CURVE = {
-    "chi2": ("chi_square", "chi square of the curve, in stretches"),
-    "degrees_of_freedom": ("degrees_of_freedom", "degrees of freedom of the curve"),
-    "p_of_curve": ("p", "probability of a larger chi square of the curve"),
-}
-"""Values of a row by which a curve agrees: the end of the name of each in a table, and its text."""
+def curve_table(
+    dim: str | tuple[()], found: Sequence[tuple[Agreement | None, float, float]], unit: str, part: str = ""
+) -> dict[str, Any]:
+    """Return the comparison of one curve, or a ``part`` of it, or of several over a dimension; NaN where unknown.
 
-
-def curve_table(dim: str | tuple[()], found: Sequence[Agreement | None], name: str = "curve") -> dict[str, Any]:
-    """Return chi square, degrees of freedom and p of one curve, or of several over a dimension; NaN where unknown."""
-    known = [(np.nan,) * 3 if a is None else (a.chi2, float(a.degrees_of_freedom), a.p) for a in found]
-    columns = zip(_OF_CURVE.values(), np.array(known, float).reshape(-1, 3).T, strict=True)
-    return {f"{name}_{key}": variable(dim, v if dim else v[0], "1", text) for (key, text), v in columns}
-
-
-def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
-    """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
-    return {key: comparison[f"{name}_{of}"] for key, (of, _) in _OF_CURVE.items()}
-
-
-def apart(measured: xr.DataArray, model: Floats) -> xr.Dataset:
-    """Return the residual (time,), measured minus model, with ``nrmse`` and ``bias``."""
-    left, units = measured.values - model, str(measured.attrs["units"])
-    text = f"measured minus model: {measured.attrs['long_name']}"
-    return xr.Dataset(
-        {
-            "residual": variable("time", left, units, text),
-            "nrmse": variable((), nrmse(measured, model), "1", "root-mean-square error over range of model"),
-            "bias": variable((), float(np.nanmean(left)), units, "mean of measured minus model"),
-        },
-        coords={"time": measured["time"]},
+    Of each ``found`` are the agreement along it, the root-mean-square error over the range of the model, and the mean
+    of measured minus model, in its ``unit``.
+    """
+    columns = (
+        (f"nrmse{part}", "1", "root-mean-square error over the range of the model"),
+        (f"bias{part}", unit, "mean of measured minus model"),
+        (f"curve{part}_chi_square", "1", "chi square of the curve, in stretches"),
+        (f"curve{part}_degrees_of_freedom", "1", "degrees of freedom of the curve"),
+        (f"curve{part}_p", "1", "probability of a larger chi square of the curve"),
     )
+    nothing = Agreement(np.nan, np.nan, np.nan, np.nan)
+    known = [(error, bias, a.chi2, a.degrees_of_freedom, a.p) for one, error, bias in found for a in [one or nothing]]
+    values = zip(columns, np.array(known, float).reshape(-1, len(columns)).T, strict=True)
+    return {name: variable(dim, v if dim else v[0], units, text) for (name, units, text), v in values}
 
 
-def flights(
-    time: Floats, touches: Floats, leaves: Floats, release: float, *, count: int = 3, fewest: int = 10
-) -> list[Integers]:
-    """Return the samples of ``count`` stretches, of at least ``fewest``, in the fall and each flight that is whole.
+def curve_row(quantity: str, unit: str, n: int, comparison: xr.Dataset, part: str = "", **words: Any) -> Row:
+    """Return the row of a curve, or of a ``part`` of it, from its :func:`curve_table`."""
+    values: dict[str, Any] = {
+        "nrmse": comparison[f"nrmse{part}"],
+        "difference": comparison[f"bias{part}"],
+        "u_difference": comparison.get(f"u_bias{part}"),
+        "chi2": comparison[f"curve{part}_chi_square"],
+        "degrees_of_freedom": comparison[f"curve{part}_degrees_of_freedom"],
+        "p_of_curve": comparison[f"curve{part}_p"],
+    }
+    return row(quantity, unit, n, **values, **words)
+
+
+STRETCHES, FEWEST = 3, 10
+"""Stretches of a part of a curve that is compared, and the fewest samples of each."""
+
+
+def split(time: Floats, inside: Integers, since: float, until: float, origin: float) -> list[Integers]:
+    """Return ``inside`` samples in stretches from one time [s] to another, ever longer ones behind the origin."""
+    count, start = min(STRETCHES, inside.size // FEWEST), max(since - origin, 0.0)
+    if not count:
+        return []
+    share = np.linspace if since < origin else np.geomspace
+    edges = share(start, start + until - since, count + 1)[1:-1] + since - start
+    return np.split(inside, np.searchsorted(time[inside], edges))
+
+
+def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> list[Integers]:
+    """Return the samples of stretches in the fall and each flight that is whole.
 
     The fall begins with the release [s], contacts begin and end at ``touches`` and ``leaves`` (impact,) [s]. A tenth of
     a flight is left out at either end, where a small shift in time is a large one in height.
@@ -169,8 +194,8 @@ def flights(
     for begin, end in zip((max(release, float(time[0])), *leaves), touches, strict=False):
         margin = 0.1 * (end - begin)
         inside = np.flatnonzero((time >= begin + margin) & (time <= end - margin))
-        if inside.size >= count * fewest and end <= time[-1]:
-            places += np.array_split(inside, count)
+        if inside.size >= STRETCHES * FEWEST and end <= time[-1]:
+            places += np.array_split(inside, STRETCHES)
     return places
 
 

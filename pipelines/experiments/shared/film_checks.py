@@ -14,7 +14,7 @@ import xarray as xr
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import EXCHANGED
 from labpipe.frames import FrameSource, IncompleteFilmWarning
-from labpipe.judging import SLIPS, Cause, Check, Level, in_words, not_made, stated
+from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, Level, doubtful_among, in_words, not_made
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -25,16 +25,13 @@ CAUSES = {
 }
 """Fault of a film, by the reason of the error that it ends in."""
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
-_LONGER = 1.5  # of the usual interval between frames, from which some are missing, and of neighbouring ones
-_EVERY = 4  # rows and columns of which one is read for the light
+LONGER = 1.5
+"""Factor of the usual interval between frames, from which some are missing, and of neighbouring ones."""
 _SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
 LIGHT, _SAID = "light", "said_by_file"
 _ROUNDED = 0.01  # relative difference of an exposure as a person writes it and as a camera sets it
-_BURST = 5.0  # percentile of the intervals that is the one within bursts
-_IN_NOISE, _LEFT = 10.0, 0.3
-"""Multiple of the usual bend from which a frame is an outlier, and share of the bends that may be left
-about two frames which were exchanged back."""
+_LEFT = 0.3  # of the bends about two frames, which may be left when they are exchanged back
 _TRIED = 40  # frames that stand out most; all their pairs are tried
 _BESIDE = np.arange(-2, 3)
 
@@ -51,7 +48,7 @@ def of_film(
     text = next(warned, "").removeprefix(f"{Path(film).name}: ")
     level: Level | None = "note" if text else None
     message = f"{film}: {text or 'the file is complete'}"
-    whole = stated("whole film", message, level, cause=_NOT_WHOLE, file=film)
+    whole = Check("whole film", message, level, cause=_NOT_WHOLE, file=film)
     checks = []
     for failed in failed_steps(context, {**CAUSES, **causes}, mends):
         # what fails on a film that is not whole has that cause, where nothing better is known
@@ -76,11 +73,11 @@ def no_copies(film: str, frame: Integers, alike: Flags) -> Check:
     """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
     at = np.flatnonzero(alike)
     if not at.size:
-        return stated("frames differ", f"{film}: no frame equals the one before", None, file=film)
+        return Check("frames differ", f"{film}: no frame equals the one before", None, file=film)
     first = int(frame[at[0] + 1])
     frames = "frame equals" if at.size == 1 else "frames equal"
     text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
-    return stated("frames differ", text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
+    return Check("frames differ", text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
 
 
 def frame_times(film: str, frame: Integers, time: Floats, is_within: Flags) -> Check:
@@ -93,26 +90,26 @@ def frame_times(film: str, frame: Integers, time: Floats, is_within: Flags) -> C
     if wrong.size:
         at = int(frame[wrong[0] + 1])
         text = f"{film}: frame {at} is not later than the one before ({wrong.size} such frames)"
-        return stated(name, text, "impossible", cause=f"frames are exchanged or repeated at frame {at}", file=film)
+        return Check(name, text, "impossible", cause=f"frames are exchanged or repeated at frame {at}", file=film)
     usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
-    lost = np.flatnonzero(is_within & (steps > _LONGER * usual))
+    lost = np.flatnonzero(is_within & (steps > LONGER * usual))
     if not lost.size:
-        return stated(name, f"{film}: {time.size} frames in order", None, file=film)
+        return Check(name, f"{film}: {time.size} frames in order", None, file=film)
     count = int(np.sum(np.round(steps[lost] / usual) - 1))
     frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
     text = f"{film}: {count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
     cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
-    return stated(name, text, "doubtful", cause=cause, file=film)
+    return Check(name, text, "doubtful", cause=cause, file=film)
 
 
 def in_order(film: str, frames: Integers, y: Floats, **options: Any) -> Check:
     """Look for two frames that were exchanged; ``options`` are those of :func:`exchanged`."""
     name, found = "order of the frames", exchanged(y, **options)
     if found is None:
-        return stated(name, f"{film}: no frames are exchanged", None, file=film)
+        return Check(name, f"{film}: no frames are exchanged", None, file=film)
     first, second = (int(frames[place]) for place in found)
     text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
-    return stated(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
+    return Check(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
 
 
 def exchanged(
@@ -131,11 +128,11 @@ def exchanged(
     if not known.size:
         return None
     y, bends = y[known], _bends(y[known], np.arange(known.size))
-    out = bends > _IN_NOISE * max(noise, 1.4826 * float(np.median(bends)))
+    out = bends > doubtful_among(known.size) * max(noise, 1.4826 * float(np.median(bends)))
     if time is not None and known.size > 4:  # the two steps on either side of a frame are as long as each other
         steps = np.pad(np.diff(time[known]), 2, mode="edge")
         around = np.lib.stride_tricks.sliding_window_view(steps, 4)
-        out &= around.max(axis=1) < _LONGER * np.abs(around).min(axis=1)
+        out &= around.max(axis=1) < LONGER * np.abs(around).min(axis=1)
     best, found = _LEFT, None
     likely = np.flatnonzero(out)
     for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-_TRIED:]].tolist()), 2):
@@ -160,7 +157,7 @@ def light_of(film: FrameSource) -> str:
     """Measure the share of white pixels in frames all over a film; JSON, with the grey level of white."""
     white = film.levels[1]
     spread = np.linspace(0, len(film) - 1, min(_SPREAD, len(film))).round().astype(int)
-    clipped = [np.mean(np.asarray(film[int(i)])[::_EVERY, ::_EVERY] >= white) for i in spread if film.valid[i]]
+    clipped = [np.mean(np.asarray(film[int(i)]) >= white) for i in spread if film.valid[i]]
     return json.dumps({"clipped": float(np.mean(clipped)) if clipped else 0.0, "level": white})
 
 
@@ -171,10 +168,10 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     light = json.loads(found.attrs[LIGHT])
     share = light["clipped"]
     if share < _CLIPPED:
-        return stated("exposure", f"{film}: no grey level is cut off", None, file=film)
+        return Check("exposure", f"{film}: no grey level is cut off", None, file=film)
     text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {light['level']:.0f}"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
-    return stated("exposure", text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
+    return Check("exposure", text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
 
 
 def said_by_file(film: FrameSource) -> str:
@@ -186,7 +183,7 @@ def said_by_file(film: FrameSource) -> str:
     steps = np.diff(film.time) if getattr(film, "header", None) is not None else np.empty(0)
     steps = steps[np.isfinite(steps) & (steps > 0.0)]
     known = np.empty(0) if film.exposure is None else film.exposure[np.isfinite(film.exposure)]
-    interval = float(np.percentile(steps, _BURST)) if steps.size else None
+    interval = float(steps.min()) if steps.size else None
     return json.dumps({"interval": interval, "exposure": float(np.median(known)) if known.size else None})
 
 
@@ -196,16 +193,16 @@ def exposure_stated(found: xr.Dataset, film: str, exposure: Quantity | None) -> 
     if exposure is None or not (own or "time" in found):
         return not_made(name, "an exposure in session.toml")
     # a shutter that was open for longer is right where a flash lit the frames; nothing is longer than an interval
-    interval = float(np.percentile(np.diff(found["time"].values), _BURST)) if "time" in found else np.inf
+    interval = float(np.diff(found["time"].values).min()) if "time" in found else np.inf
     limit, what = (own, "the shutter was open for") if own else (interval, "a frame each")
-    is_longer = exposure.value - limit > _ROUNDED * exposure.value + 4.0 * exposure.u
+    is_longer = exposure.value - limit > _ROUNDED * exposure.value + DOUBTFUL * exposure.u
     text = (
         f"{film}: {what} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, which "
         "is used"
     )
     cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
     level: Level | None = None if not is_longer else "doubtful" if own else "impossible"
-    return stated(name, text, level, cause=cause, setting="exposure")
+    return Check(name, text, level, cause=cause, setting="exposure")
 
 
 def wrong_rate(

@@ -16,19 +16,14 @@ from numpy.typing import NDArray
 import instruments
 from labpipe.errors import EXCHANGED, InputError
 from labpipe.frames import FrameSource
-from labpipe.report import Gallery, Picture
+from labpipe.report import Gallery, Picture, looks
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 Drawn = tuple[NDArray[np.uint8], str, str, float | None]
 """A picture (BGR) of a frame, its description, its caption and its place on a chart."""
-_FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
-_MOST_FRAMES = 60  # of a strip: a second and a half at forty a second, and few enough to step through
-_STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
-_QUALITIES = (90, 80, 65)  # of JPEG, tried in turn: at 90 no loss is seen, at 65 edges begin to show it
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
-_SMALLEST = 480  # px; smaller frames are drawn enlarged
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and relative change of their
 distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
@@ -88,9 +83,9 @@ def recorded_on(film: object) -> str:
     header = getattr(film, "header", None)
     if header is None or not hasattr(header, "trigger"):
         return ""
-    seconds = int(header.trigger) >> 32
-    # a camera whose clock was never set counts from 1970 or from its own first day
-    return "" if seconds < _FIRST_DAY else str(datetime.fromtimestamp(seconds, UTC).date())
+    day = datetime.fromtimestamp(int(header.trigger) >> 32, UTC).date()
+    # a camera whose clock was never set counts from 1970 or from its own first day, both before there were such films
+    return "" if day.year < 2000 else str(day)
 
 
 def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
@@ -127,25 +122,22 @@ def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
     )
 
 
-def thinned(wanted: Iterable[int], keys: Collection[int]) -> list[int]:
-    """Return the key frames and, evenly, as many of the others as a strip of the film holds."""
+def thinned(wanted: Iterable[int], keys: Collection[int], most: int = 60) -> list[int]:
+    """Return the key frames and, evenly, as many of the others as a strip holds: few enough to step through."""
     others = np.array(sorted(set(wanted) - set(keys)), int)
-    room = max(min(_MOST_FRAMES - len(keys), others.size), 0)
+    room = max(min(most - len(keys), others.size), 0)
     evenly = others[np.linspace(0, others.size - 1, room).round().astype(int)] if room else others[:0]
     return sorted({*evenly.tolist(), *keys})
 
 
-def strip(title: str, drawn: Sequence[Drawn], *, start: int = 0, **more: str) -> Gallery:
-    """Make frames a strip to step through, as JPEG in the best quality in which they fit a page; else fewer of them.
+def strip(title: str, drawn: Sequence[Drawn], *, start: int = 0, most_bytes: int = 1_500_000, **more: str) -> Gallery:
+    """Make frames a strip to step through; of more than fit into a part of the page every second one.
 
-    ``start`` is the frame that is shown first.
+    ``start`` is the frame that is shown first; ``most_bytes`` is the size in base64.
     """
-    for quality in _QUALITIES:
-        frames = [Picture(jpeg(image, quality), alt, caption, at) for image, alt, caption, at in drawn]
-        if sum(len(frame.address) for frame in frames) <= _STRIP_BYTES:
-            break
+    frames = [Picture(jpeg(image), alt, caption, at) for image, alt, caption, at in drawn]
     kept = [*range(len(frames))]
-    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > _STRIP_BYTES:
+    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > most_bytes:
         kept = sorted({*kept[::2], start})
     step = "Step with ‹ and ›, or with the arrow keys on the slider."
     shown = [frames[i] for i in kept]
@@ -166,20 +158,25 @@ def _header_lines(header: Any) -> list[str]:
     return lines
 
 
-def jpeg(image: NDArray[np.uint8], quality: int = _QUALITIES[0]) -> bytes:
+def jpeg(image: NDArray[np.uint8], quality: int = 65) -> bytes:
     """Encode a grey or colour (BGR) image; half the colour resolution would blur a thin coloured circle."""
     sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])
     return data.tobytes()
 
 
-def drawing_of(key: xr.Dataset) -> tuple[NDArray[Any], float, float]:
+def ink(place: int) -> tuple[int, ...]:
+    """Return a colour of the charts to draw with, as BGR: blue, orange, green, purple, ochre."""
+    return tuple(bytes.fromhex(looks([None] * (place + 1))[place].light[1:])[::-1])
+
+
+def drawing_of(key: xr.Dataset, least: int = 480) -> tuple[NDArray[Any], float, float]:
     """Return a BGR copy of a key frame to draw on, and scale and shift that take px of the film to px of it.
 
-    Small frames are enlarged by a whole factor; both take the centre of a pixel to the centre of its enlargement.
+    Frames of fewer px are enlarged by a whole factor; both take the centre of a pixel to the centre of its enlargement.
     """
     image = key["image"].values
-    factor = max(1, ceil(_SMALLEST / max(image.shape)))
+    factor = max(1, ceil(least / max(image.shape)))
     colour = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
     scale = factor / float(key["reduction"])
     drawn = cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)

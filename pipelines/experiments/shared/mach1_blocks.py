@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from pipelines.experiments.shared.mach1_readings import bridged
+from pipelines.experiments.shared.mach1_readings import bridged, ramp_speed
 
 OSCILLATION, RELAXATION, FIND_CONTACT = "Sinusoid", "Stress Relaxation", "Find Contact"
 _CLEAR, _SHARE = 10.0, 0.2
@@ -81,10 +81,8 @@ class Part:
     def speed(self) -> float:
         """Speed of the middle of the first ramp [m/s]; NaN where fewer than three readings show it."""
         first, travel = self.segment == self.segment[0], self.moved(self.position)
-        share = (self.position[first] - self.position[0]) / (travel or nan)
-        low, high = (int(np.argmax(share > part)) for part in (0.1, 0.9))
-        begin, end = np.interp((0.1, 0.9), share[: high + 1], self.time[first][: high + 1])
-        return abs(0.8 * travel / float(end - begin)) if high - low > 2 and end > begin else nan
+        arrived = int(np.argmax((self.position[first] - self.position[0]) * np.sign(travel) > 0.95 * abs(travel))) + 1
+        return abs(ramp_speed(self.time[:arrived], self.position[:arrived]))
 
     @property
     def frequency(self) -> tuple[float, float]:

@@ -19,8 +19,21 @@ import xarray as xr
 from scipy.stats import linregress
 
 from labpipe.contact.line import westergaard
-from labpipe.judging import Cause, Check, Level, bounded, compared, in_words, judge, not_made, stated, too_large
+from labpipe.judging import (
+    IMPOSSIBLE,
+    SLIPS,
+    Cause,
+    Check,
+    Level,
+    bounded,
+    compared,
+    in_words,
+    judge,
+    not_made,
+    too_large,
+)
 from labpipe.report import quantity
+from labpipe.signals import estimate_noise
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, mach1_readings
@@ -30,7 +43,7 @@ from pipelines.experiments.shared.judgements import Title
 from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
 from pipelines.experiments.shared.punch_model import TOUCH
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
-from pipelines.experiments.shared.record_checks import longest_run, placed
+from pipelines.experiments.shared.record_checks import FLAT, MANY, break_in, longest_run, placed
 
 _AMPLITUDE, _FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
 _TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
@@ -77,18 +90,14 @@ _FORCES = {"N": 1.0, "gf": 9.80665e-3, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665}
 _TIMES, _LENGTHS = {"s": 1.0, "ms": 1e-3}, {"mm": 1e-3, "µm": 1e-6}
 """Units in which a column may be, whatever its header says, in SI."""
 _CELLS = {"kg": "kgf", "g": "gf"}  # spellings of units in the names of load cells
-_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
-_LEAST_TRAVEL = 1e-6  # m, by which a stage must move to have a direction
+_U_POSITION = 1e-7  # m
 _LATERAL = 0.1  # of the normal force: a tilt of 6 degrees, by which the normal force errs by 0.5 %
-_SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
-_RUN, _LEAVES = 5, 20.0
-"""Readings in a row at an extreme, and steps of the cell by which a force changes in as many before
-or after: behind a smooth peak that stays on one step for n readings it changes by 8 in n more."""
+_LEAVES = 20.0
+"""Steps of the cell by which a force changes in as many readings before or after as it stays at an extreme: behind a
+smooth peak that stays on one step for n readings it changes by 8 in n more."""
 _DELAYS = 0.6  # of the delay of a Butterworth, by which another filter may have less (three equal poles) or more
-_WRONG_FACTOR = 3.0  # of true over displayed force
-_U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
-_MANY = 0.01  # of the readings of a block, left out as outliers
+_U_GAIN = 0.1  # of the logarithm of true over displayed force, by age and handling of a cell
 _LARGEST_PUNCH = 0.5  # m, either way
 
 
@@ -119,7 +128,8 @@ def scene(
             position = loads["position_z"].values  # and so the depth of the punch is known
             depth = nan if touched is None else float(np.nanmax(position) - touched["contact_position"])
             deepest = max(deepest, 0.0 if np.isnan(depth) else depth)
-            found += [_of_force(name, loads, model, int(np.nanargmax(position)))] if is_scaled else []
+            at, u = int(np.nanargmax(position)), judgements.u_modulus(settings.substrate)
+            found += [_of_force(name, loads, model, at, u)] if is_scaled else []
         checks += judge(found, list(_causes(name, readings, settings, found))).checks
     checks += _of_punch(settings, deepest)
     failed = judgements.failed_steps(context, _FAILED)
@@ -139,33 +149,33 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     order = _order_of_columns(blocks)
     if order.level is not None:
         return [order]
-    lost = _lost(blocks)
+    outliers, lost = _continuity(blocks)
     found = [order, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks)]
     found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
-    found += [*_alignment(blocks), _saturation(blocks), _capacity_of_cell(blocks)]
-    return [*found, _left_out(blocks), lost]
+    found += [*_alignment(blocks), *_range_of_cell(blocks)]
+    return [*found, outliers, lost]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:
-    wrong, known = [], 0
+    wrong, known, missed = [], 0, _COMMANDS[_AMPLITUDE][-1]
     for part in blocks:
         wanted = abs(part.declared("Amplitude")[0])
         if part.function in (OSCILLATION, RELAXATION) and wanted > 0.0:
             # the file's own numbers: mm of the position, whatever of the force
             own, other = (abs(part.moved(each)) / wanted for each in (part.position, 1e-3 * part.force))
             known += 1
-            wrong += [part] * (abs(other - 1.0) < _SWAPPED_BY <= abs(own - 1.0))
+            wrong += [part] * (abs(other - 1.0) < missed <= abs(own - 1.0))
     if not known:
         return not_made(_SWAPPED, "a declared amplitude")
     where = (wrong or blocks)[0]
     if 2 * len(wrong) <= known:
-        return stated(_SWAPPED, f"{where.file}: the position makes the declared motion", None, file=where.file)
+        return Check(_SWAPPED, f"{where.file}: the position makes the declared motion", None, file=where.file)
     text = (
         f"{where.file}: the column of the force moves by the declared {quantity(where.declared('Amplitude')[0], 'm')} "
         f"(as mm), the column of the position by {quantity(abs(where.moved(where.position)), 'm')}"
     )
     cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
-    return stated(_SWAPPED, text, "impossible", cause=cause, **where.place)
+    return Check(_SWAPPED, text, "impossible", cause=cause, **where.place)
 
 
 def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
@@ -175,7 +185,7 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
         found = []
         for part in (part for part in blocks if part.function == function):
             wanted, line = part.declared(key)
-            value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), 1e-7)
+            value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), _U_POSITION)
             if title == _SPEED:
                 value, u = part.speed, 0.02 * part.speed
             if isfinite(value) and isfinite(wanted):
@@ -221,14 +231,14 @@ def _response(blocks: Sequence[Part]) -> Check:
         )
         cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
         text += "and does not follow while the stage moves"
-        return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
+        return Check(_RESPONSE, text, "impossible", cause=cause, **part.place)
     moves = [one for one in blocks if one.function in (RELAXATION, FIND_CONTACT) and isfinite(one.direction)]
-    is_back = any(one.moved(one.position) * one.direction < -_LEAST_TRAVEL for one in moves)
+    is_back = any(one.moved(one.position) * one.direction < -IMPOSSIBLE * _U_POSITION for one in moves)
     text = f"{part}: stiffness {quantity(k, 'N/m')}"
     if is_back:
         text += ", and the stage moves against its declared direction"
         cause = f"the sign of the column of the position is wrong (line {part.header_line})"
-        return stated(_RESPONSE, text, "impossible", cause=cause, **part.place)
+        return Check(_RESPONSE, text, "impossible", cause=cause, **part.place)
     place = next((i for i, line in enumerate(part.header["info_lines"]) if line.startswith("Load Cell Type")), 0)
     cause = (
         f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
@@ -250,70 +260,62 @@ def _alignment(blocks: Sequence[Part]) -> Iterator[Check]:
         yield bounded(ALIGNMENT, f"{text}expected of an aligned punch", worst, max(u, 1e-3), at_most=_LATERAL, **place)
 
 
-def _saturation(blocks: Sequence[Part]) -> Check:
-    for part in (part for part in blocks if part.function in (OSCILLATION, RELAXATION)):
-        force = part.force[np.isfinite(part.force)]
-        steps = np.abs(np.diff(force))
-        step = float(np.min(steps[steps > 0.0], initial=np.inf))
-        for extreme in (float(force.max()), float(force.min())) if np.isfinite(step) else ():
-            n, first = longest_run(np.abs(force - extreme) < 0.5 * step)
-            sides = force[[max(first - n, 0), min(first + 2 * n - 1, force.size - 1)]]
-            leaves = float(np.abs(sides - extreme).max())
-            if n >= _RUN and leaves > _LEAVES * max(step, 1e-4 * float(np.ptp(force))):
-                text = f"{part}: the force stays at {quantity(extreme, 'N')} for {n} readings from "
-                text += f"{quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
-                cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
-                return stated(_SATURATION, text, "impossible", cause=cause, **part.place)
-    return stated(_SATURATION, f"{blocks[0].file}: no flat extremes", None, file=blocks[0].file)
-
-
-def _capacity_of_cell(blocks: Sequence[Part]) -> Check:
-    """Compare the largest force with the capacity in the name of the cell, such as "25kg SN:1886652"."""
+def _range_of_cell(blocks: Sequence[Part]) -> Iterator[Check]:
+    """Look for flat extremes of the force, and compare it with the capacity in the cell's name ("25kg SN:1886652")."""
+    found = [flat for part in blocks if part.function in (OSCILLATION, RELAXATION) for flat in _flat_extremes(part)]
+    yield found[0] if found else Check(_SATURATION, f"{blocks[0].file}: no flat extremes", file=blocks[0].file)
     part = blocks[0]
     cell = str((part.header.get("load_cell") or {}).get("name") or "")
     said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
     if said is None:
-        return not_made(_CAPACITY, "a load cell whose name says its capacity")
+        yield not_made(_CAPACITY, "a load cell whose name says its capacity")
+        return
     capacity = float(said[1]) * _FORCES[_CELLS.get(said[2], said[2])]
     largest = max(float(np.nanmax(np.abs(part.force))) for part in blocks)
     text = f"{part.file}: up to {quantity(largest, 'N')} with a cell of {quantity(capacity, 'N')} ({cell})"
     cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
-    return bounded(_CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, cause=cause, **part.place)
+    yield bounded(_CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, cause=cause, **part.place)
 
 
-def _left_out(blocks: Sequence[Part]) -> Check:
-    """Name the readings that were left out as outliers, those of the block with the largest deviation."""
+def _flat_extremes(part: Part) -> Iterator[Check]:
+    force = part.force[np.isfinite(part.force)]
+    steps = np.abs(np.diff(force))
+    step = float(np.min(steps[steps > 0.0], initial=np.inf))
+    for extreme in (float(force.max()), float(force.min())) if np.isfinite(step) else ():
+        n, first = longest_run(np.abs(force - extreme) < 0.5 * step)
+        sides = force[[max(first - n, 0), min(first + 2 * n - 1, force.size - 1)]]
+        leaves = float(np.abs(sides - extreme).max())
+        if n >= FLAT and leaves > _LEAVES * max(step, 1e-4 * float(np.ptp(force))):
+            text = f"{part}: the force stays at {quantity(extreme, 'N')} for {n} readings from "
+            text += f"{quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
+            cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
+            yield Check(_SATURATION, text, "impossible", cause=cause, **part.place)
+
+
+def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check]:
+    """Name the readings that were left out, of the block with the largest deviation, and look for lost rows."""
+    file, level = blocks[0].file, None
+    outliers, lost = Check(_OUTLIERS, f"{file}: no outliers", file=file), not_made(_LOST, "an oscillation")
     known = [(part, run) for part in blocks for run in part.outliers if run["column"] in ("position_z", "force_z")]
-    if not known:
-        return stated(_OUTLIERS, f"{blocks[0].file}: no outliers", None, file=blocks[0].file)
-    part, largest = max(known, key=lambda one: float(one[1]["by"]))
-    column, first = str(largest["column"]).removesuffix("_z"), int(largest["first"])
-    count, line = sum(run["last"] - run["first"] + 1 for run in part.outliers), part.row_line(first)
-    by, at = quantity(float(largest["by"]), "m" if column == "position" else "N"), quantity(part.time[first], "s")
-    text = f"{part}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the largest deviation "
-    text += f"{by} of the {column} in line {line}, at {at}"
-    level: Level = "doubtful" if count > _MANY * part.force.size else "note"
-    cause = f"a disturbance, or a value that was edited, in line {line}"
-    return stated(_OUTLIERS, text, level, cause=cause, file=part.file, line=line)
-
-
-def _lost(blocks: Sequence[Part]) -> Check:
-    """Look for a step of the position in an oscillation that no speed of the stage explains."""
-    found = []
+    if known:
+        part, largest = max(known, key=lambda one: float(one[1]["by"]))
+        column, first = str(largest["column"]).removesuffix("_z"), int(largest["first"])
+        count, line = sum(run["last"] - run["first"] + 1 for run in part.outliers), part.row_line(first)
+        by, at = quantity(float(largest["by"]), "m" if column == "position" else "N"), quantity(part.time[first], "s")
+        text = f"{part}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the largest deviation "
+        text += f"{by} of the {column} in line {line}, at {at}"
+        level = "doubtful" if count > MANY * part.force.size else "note"
+        cause = f"a disturbance, or a value that was edited, in line {line}"
+        outliers = Check(_OUTLIERS, text, level, cause=cause, file=file, line=line)
     for part in (part for part in blocks if part.function == OSCILLATION):
-        steps = np.abs(np.diff(part.position))
-        if not np.isfinite(steps).any():  # a block that was broken off
-            continue
-        at, usual = int(np.nanargmax(steps)), float(np.nanquantile(steps, 0.99))
-        found.append((float(steps[at]) / usual if usual > 0.0 else 1.0, part, at))
-    if not found:
-        return not_made(_LOST, "an oscillation")
-    times, part, at = max(found, key=lambda one: one[0])
-    text = f"{part}: the largest step of the position is {in_words(times, 2)} times the usual, in line "
-    text += f"{part.row_line(at + 1)}"
-    cause = "rows were lost there when the file was written or copied, and the times of the others renewed"
-    level: Level | None = "doubtful" if times > 2.0 else None
-    return stated(_LOST, text, level, cause=cause, file=part.file, line=part.row_line(at + 1) if level else None)
+        broken = break_in(part.position, estimate_noise(part.position).sigma)
+        if broken is not None:
+            line, jump = part.row_line(broken[0]), quantity(broken[1], "m")
+            cause = "rows were lost there when the file was written or copied, and the times of the others renewed"
+            text = f"{part}: the position jumps by {jump} in line {line}"
+            return outliers, Check(_LOST, text, "doubtful", cause=cause, file=file, line=line)
+        lost = Check(_LOST, f"{file}: the position does not jump", file=file)
+    return outliers, lost
 
 
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
@@ -323,10 +325,9 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     if not record:
         yield not_made(_SCALE, "a calibration record of the load cell")
         return
-    level: Level | None = None if 1 / _WRONG_FACTOR < abs(gain) < _WRONG_FACTOR else "impossible"
     text = f"{record}: true force is {gain:.4g} times the displayed one"
     cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
-    yield stated(_SCALE, text, level, cause=cause, file=record, setting="values.scale")
+    yield compared(_SCALE, text, abs(gain), 0.0, 1.0, _U_GAIN, cause=cause, file=record, setting="values.scale")
     as_declared, measured = loads.assign_attrs(filter_delay="null"), json.loads(loads.attrs["filter_delay"])
     declared = mach1_readings.declared_filter(as_declared)
     if declared is None or measured is None:
@@ -342,17 +343,13 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
 
 
-def _of_force(name: str, loads: xr.Dataset, model: xr.Dataset | None, at: int) -> Check:
+def _of_force(name: str, loads: xr.Dataset, model: xr.Dataset | None, at: int, u_modulus: float) -> Check:
     """Compare the force at a sample with that of the model for the named material."""
     if not loads.attrs["is_tared"] or model is None or "simulated_force" not in model:
         return not_made(_RATIO, "a model")
     force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
-    if not (force > 0.0 and expected > 0.0):
-        return not_made(_RATIO, "forces above 0")
-    ratio = log(force / expected)
     text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
-    check = bounded(_RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=name)
-    return replace(check, log_ratio=ratio, u_log_ratio=_U_MATERIAL)
+    return compared(_RATIO, text, force, 0.0, expected, u_modulus * expected, file=name)
 
 
 def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:
@@ -366,13 +363,13 @@ def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:
     setting, largest = max(sizes.items(), key=lambda one: one[1])
     level: Level | None = "impossible" if largest > _LARGEST_PUNCH else None
     cause = f"{setting} in session.toml is wrong: its unit, or its number"
-    yield stated(_PUNCH, f"{setting}: {quantity(largest, 'm')} in all", level, cause=cause, setting=setting)
+    yield Check(_PUNCH, f"{setting}: {quantity(largest, 'm')} in all", level, cause=cause, setting=setting)
     if deepest > 0.0 and settings.model.profile != "cosine":
         text = f"at a depth of {quantity(deepest, 'm')} a tip of {quantity(radius, 'm')} meets the surface over "
         text += f"{quantity(2 * (2 * radius * deepest) ** 0.5, 'm')}; the period is {quantity(period, 'm')}"
         level = "impossible" if deepest > float(westergaard.full_contact(radius, period, "parabola")) else None
         cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
-        yield stated(_PUNCH, text, level, cause=cause, setting="punch.period")
+        yield Check(_PUNCH, text, level, cause=cause, setting="punch.period")
 
 
 def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequence[Check]) -> Iterator[Cause]:
@@ -397,12 +394,13 @@ def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequ
         return lambda k: f"the declared {key} is {too_large(k)} (line {check.line} of {name})"
 
     for check in (check for check in checks if check.name in _COMMANDS and check.level and check.line):
-        yield Cause({check.name: -1.0}, of_command(check), _FACTORS, file=name, line=check.line)
+        yield Cause({check.name: -1.0}, of_command(check), SLIPS["value"], file=name, line=check.line)
     place: dict[str, Any] = {"file": name, "line": line}
     of_time = {_FREQUENCY: -1.0, _SPEED: -1.0, _CLOCK: 1.0}
-    yield Cause(of_time, of_column("time", "s", _TIMES), _FACTORS, **place)
+    yield Cause(of_time, of_column("time", "s", _TIMES), SLIPS["interval"], **place)
     of_length = {_AMPLITUDE: 1.0, _TRAVEL: 1.0, _SPEED: 1.0, _RATIO: -1.1}
-    yield Cause(of_length, of_column("position", units[0], _LENGTHS), _FACTORS, **place)
+    usual = SLIPS["length"] + SLIPS["gain"]
+    yield Cause(of_length, of_column("position", units[0], _LENGTHS), usual, **place)
     others = tuple(_FORCES[units[1]] / size for unit, size in _FORCES.items() if unit != units[1])
     yield Cause({_RATIO: 1.0}, of_column("force", units[1], _FORCES), others, only_usual=True, **place)
     other = "no slip of a unit explains it: another material, {} times as stiff, was pressed or is named"

@@ -23,7 +23,6 @@ from pipelines.experiments.shared.exclusions import EXCLUDED, left_out, without_
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import named_columns
 
-_STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier"}
 _APPROACH = "Find Contact"
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
 FINENESS = mach1_touch.FINENESS  # steps per sample, so that a digital filter behaves as the analogue one
@@ -60,24 +59,19 @@ def _runs(flags: Flags) -> list[Integers]:
 def without_outliers(readings: xr.Dataset) -> xr.Dataset:
     """Leave out short runs of readings that leave a record and return to it, block by block.
 
-    Sets ``status`` (sample,) to 1 where a position or a force was left out, and the attribute ``outliers``: as JSON
-    for each run its column, block, first and last index in the block, and largest deviation [m or N].
+    They become NaN; the attribute ``outliers`` holds, as JSON, for each run its column, block, first and last index in
+    the block, and largest deviation [m or N].
     """
-    block, time = readings["block"].values, readings["time"].values
-    made, runs, status = readings.copy(), [], np.zeros(block.size, np.int8)
+    made, runs = readings.copy(), []
     for name in _columns(readings):
         values = readings[name].values.astype(float)
-        for number in np.unique(block):
-            where = np.flatnonzero(block == number)
-            flags, found = left_out(values[where], time[where])
+        for number in np.unique(readings["block"].values):
+            inside = rows(readings, number)
+            flags, found = left_out(values[inside], readings["time"].values[inside])
             runs += [{"column": name, "block": int(number), "first": a, "last": b, "by": by} for a, b, by in found]
-            values[where[flags]] = np.nan
-            status[where[flags]] = 1
+            values[inside][flags] = np.nan
         made[name] = readings[name].copy(data=values)
-    if not runs:
-        return readings
-    made["status"] = ("sample", status, _STATE)
-    return made.assign_attrs(outliers=json.dumps(runs))
+    return made.assign_attrs(outliers=json.dumps(runs)) if runs else readings
 
 
 def _columns(readings: xr.Dataset) -> list[str]:
@@ -85,9 +79,9 @@ def _columns(readings: xr.Dataset) -> list[str]:
 
 
 def bridged(values: Floats, time: Floats) -> Floats:
-    """Fill readings that were left out with an Akima curve through those around, where an even sampling is needed."""
-    lost = ~np.isfinite(values)
-    if not lost.any() or lost.sum() > values.size - 2 or not np.all(np.diff(time) > 0):
+    """Fill short runs of missing readings with an Akima curve through those around: an even sampling is needed."""
+    lost = _runs(~np.isfinite(values))
+    if not lost or max(run.size for run in lost) > LONGEST_RUN or not np.all(np.diff(time) > 0):
         return values
     return np.asarray(pd.Series(values, time).interpolate("akima").ffill().bfill(), float)
 
@@ -95,29 +89,27 @@ def bridged(values: Floats, time: Floats) -> Floats:
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Indentation) -> xr.Dataset:
     """Make force compression-positive, as a stage of every kind; tared where the file begins with a free approach.
 
-    Readings that were left out are bridged: at most ten in a row, by the curve through their neighbours.
+    Readings that are missing or were left out are bridged: at most ten in a row, by the curve through their neighbours.
     Without a calibration record of the cell the gain's uncertainty is NaN.
     """
     del settings
-    lost = [readings[name].values != 0 for name in ("status", EXCLUDED) if name in readings]
-    block = readings["block"].values
-    for number in np.unique(block[np.any(lost, axis=0)]) if lost else ():
-        where = block == number
-        for name in _columns(readings):
-            values = readings[name].values.astype(float)
-            values[where] = bridged(values[where], readings["time"].values[where])
-            readings = readings.assign({name: readings[name].copy(data=values)})
+    made, time = {}, readings["time"].values
+    for name in _columns(readings):
+        blocks = (rows(readings, number) for number in np.unique(readings["block"].values))
+        values = np.concatenate([bridged(readings[name].values[each], time[each]) for each in blocks])
+        made[name] = readings[name].copy(data=values)
+    readings = readings.assign(made)
     begins_free = str(readings["function"].values[0]) == _APPROACH
     if not begins_free:
         text = "peaks, plateaus and mean forces include the cell's offset and a preload; amplitudes and work do not"
         warnings.warn(f"the file begins in contact, so the force is not tared: {text}", stacklevel=2)
     known = None if record is None else calibration.load_record(record)
-    made = load_cell.force(readings, known, zero="start" if begins_free else None)
-    made = made.merge(readings[[n for n in readings.data_vars if n not in made and n != "force_z"]])
+    found = load_cell.force(readings, known, zero="start" if begins_free else None)
+    found = found.merge(readings[[n for n in readings.data_vars if n not in found and n != "force_z"]])
     delay = known.values.filter_delay if isinstance(known, LoadCellRecord) else None
-    made.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
-    made.attrs["is_tared"] = int(begins_free)
-    return made.assign_attrs(blocks=readings.attrs["blocks"], source=readings.attrs.get("source", ""))
+    found.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
+    found.attrs["is_tared"] = int(begins_free)
+    return found.assign_attrs(blocks=readings.attrs["blocks"], source=readings.attrs.get("source", ""))
 
 
 def rows(loads: xr.Dataset, block: int) -> slice:
@@ -145,17 +137,11 @@ def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
 
     Where the cell's record gives a delay the cutoff is the one that a Butterworth of this delay has.
     """
-    declared, measured = load_cell.declared_filter(loads.attrs), _measured_delay(loads)
-    if declared is None or measured is None:
+    declared, delay = load_cell.declared_filter(loads.attrs), json.loads(loads.attrs.get("filter_delay", "null"))
+    if declared is None or delay is None:
         return declared
     slow = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"])
-    return declared | {"cutoff": float(declared["cutoff"]) * slow.delay / measured[0]}
-
-
-def _measured_delay(loads: xr.Dataset) -> list[float] | None:
-    """Return the delay of the filter that the cell's record gives, and its uncertainty [s]."""
-    found: list[float] | None = json.loads(loads.attrs.get("filter_delay", "null"))
-    return found
+    return declared | {"cutoff": float(declared["cutoff"]) * slow.delay / delay[0]}
 
 
 def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag:
@@ -163,14 +149,14 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag:
 
     The uncertainty of a delay that the cell's record gives replaces that of the filter's type.
     """
-    declared, measured = declared_filter(loads), _measured_delay(loads)
+    declared, delay = declared_filter(loads), json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None:
         return load_cell.FilterLag(1.0, 0.0, 0.0, 0.0, 0.0, "no filter is declared")
     lag = load_cell.filter_lag(frequency, int(declared["order"]), float(declared["cutoff"]))
-    if measured is None:
+    if delay is None:
         return lag
     note = "delay measured, see the record of the load cell"
-    return lag._replace(u_gain=0.0, u_phase=lag.phase * measured[1] / measured[0], note=note)
+    return lag._replace(u_gain=0.0, u_phase=lag.phase * delay[1] / delay[0], note=note)
 
 
 def filter_delay(loads: xr.Dataset) -> Quantity:
@@ -180,27 +166,21 @@ def filter_delay(loads: xr.Dataset) -> Quantity:
     return Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
 
 
-def filtered(force_values: Floats, interval: float, declared: dict[str, float]) -> Floats:
-    """Pass a force (n,) [N] at the instrument's rate through the load cell's filter, of an order and a cutoff."""
+def passed(loads: xr.Dataset, force: Floats) -> Floats:
+    """Pass the force (sample,) [N] of every block through the cell's filter."""
     from scipy.interpolate import Akima1DInterpolator
     from scipy.signal import sosfilt, sosfilt_zi
 
-    coarse = np.arange(force_values.size)
-    fine = np.arange(force_values.size * FINENESS) / FINENESS
-    # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
-    force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
-    sections = filter_sections(declared, interval)
-    passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
-    return passed[::FINENESS]
-
-
-def passed(loads: xr.Dataset, force_values: Floats) -> Floats:
-    """Pass the force (sample,) [N] of every block through the cell's filter."""
-    declared = declared_filter(loads)
+    declared, made = declared_filter(loads), force.copy()
     if declared is None:
-        return force_values.copy()
-    interval, blocks = float(np.nanmedian(loads["sampling_interval"].values)), np.unique(loads["block"].values)
-    return np.concatenate([filtered(force_values[rows(loads, block)], interval, declared) for block in blocks])
+        return made
+    sections = filter_sections(declared, float(np.nanmedian(loads["sampling_interval"].values)))
+    for part in (rows(loads, block) for block in np.unique(loads["block"].values)):
+        each = np.arange(force[part].size * FINENESS) / FINENESS
+        # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
+        fine = Akima1DInterpolator(np.arange(force[part].size), force[part], extrapolate=True)(each)
+        made[part] = sosfilt(sections, fine, zi=sosfilt_zi(sections) * fine[0])[0][::FINENESS]
+    return made
 
 
 def filter_sections(declared: dict[str, float], interval: float) -> Floats:
@@ -256,6 +236,13 @@ def first_touch(loads: xr.Dataset, given: Quantity | None) -> xr.Dataset:
 def touch_of(found: xr.Dataset) -> Quantity:
     """Return the stage position of first touch that a result of :func:`first_touch` holds."""
     return Quantity(float(found["contact_position"]), float(found["u_contact_position"]), "m")
+
+
+def ramp_speed(time: Floats, position: Floats) -> float:
+    """Return the speed [m/s] of the middle of a ramp that ends with the last reading; NaN by fewer than three."""
+    share = (position - position[0]) / ((position[-1] - position[0]) or np.nan)
+    middle = (share > 0.1) & (share < 0.9)
+    return float(np.polyfit(time[middle], position[middle], 1)[0]) if middle.sum() > 2 else np.nan
 
 
 def history(time: Floats, displacement: Floats) -> Integers:

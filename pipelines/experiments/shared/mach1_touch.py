@@ -18,72 +18,65 @@ from labpipe.signals import first_touch, independent_count
 from labpipe.units import Quantity
 
 FINENESS = 10  # steps per reading: a touch lies between two of them
+STEP = 1e-7
+"""m, the step of the stage's display outside a Sinusoid block."""
 _GROWTH = 1.09  # power of a line contact's force over its first micrometres: 1.06 to 1.13
 _POWERS = np.linspace(0.70, 1.15, 12)  # with relaxation: a loss factor of 0.6 lowers it by 0.35
-_PLACES = 81  # of the touch at which the likelihood is found
-_BEFORE, _BEHIND = 1.5, 0.95  # of the first guess of the depth: where the touch may lie
-_LIKELY = 12.0  # below the largest logarithm of the likelihood nothing counts
-_ENOUGH = 20  # places that count, before their mean is taken
-_ROUNDS = 5  # of searching, each at least ten times as fine
-_STEP = 1e-7  # m of the stage's display
 _RESTED = 1.5  # of the time from touch to rest: so long a power of time describes relaxation
-_FEWEST = 20  # free readings that tell how noise is correlated
-_LEAST_NOISE = 1e-9  # of the force's range
 
 
-def touched(part: xr.Dataset, delay: Quantity, sections: Floats | None) -> Quantity:
+def touched(part: xr.Dataset, delay: Quantity, sections: Floats | None, count: int = 81) -> Quantity:
     """Return the position of first touch [m].
 
     ``part`` holds ``time``, ``position_z`` and ``force`` of an approach, ``delay`` [s] is that of the load cell's
     filter, ``sections`` (section, 6) the filter itself at :data:`FINENESS` steps a reading, None without one. The
+    likelihood is found at ``count`` places at a time, about the likely ones until a quarter of them is. The
     uncertainty is the standard deviation of where the touch may be, with the display's step and the delay.
     """
+    from scipy.signal import fftconvolve, sosfilt
+
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
-    arrived = int(np.argmax(position >= position.max() - _STEP / 2))
+    arrived = int(np.argmax(position >= position.max() - STEP / 2))
     # the force comes late by the filter's delay, so it belongs to an earlier position
     rough = first_touch(np.interp(time - delay.value, time, position)[: arrived + 1], force[: arrived + 1])
     # readings depend on the touch until the stage has rested for a while, or goes back
-    touch = int(np.argmax(position > min(rough, position[arrived] - _STEP)))
+    touch = int(np.argmax(position > min(rough, position[arrived] - STEP)))
     used = arrived + 1 + round(_RESTED * (arrived - touch) + delay.value / float(np.median(np.diff(time))))
-    back = np.flatnonzero(position[arrived:] < position[arrived] - 2.0 * _STEP)
+    back = np.flatnonzero(position[arrived:] < position[arrived] - 2.0 * STEP)
     used = min(used, arrived + int(back[0]) if back.size else position.size)
     position, force = position[:used], force[:used]
-    unit = max(float(position.max()) - rough, _STEP)
-    low, high = max(rough - _BEFORE * unit, float(position[0])), rough + _BEHIND * unit
-    for _ in range(_ROUNDS):
-        places = np.linspace(low, high, _PLACES)
-        likely = _likelihood(places, position, force, rough, sections, float(part.attrs.get("resolution", 0.0)))
-        kept = np.flatnonzero(likely.max(axis=0) > likely.max() - _LIKELY)
-        if kept.size > _ENOUGH:
+    unit = max(float(position.max()) - rough, STEP)
+    fine = np.interp(np.arange((used - 1) * FINENESS + 1) / FINENESS, np.arange(used), position)
+    free, centred = force[position < rough - unit], force - force.mean()
+    correlated = free.size / independent_count(free) if free.size else 1.0
+    resolution = max(float(part.attrs.get("resolution", 0.0)), float(np.finfo(np.float32).eps * np.ptp(force)))
+
+    def likelihood(places: Floats) -> Floats:
+        """Return the logarithm of the likelihood (power, place) for the best level and stiffness."""
+        depth, found = np.maximum(fine - places[:, None], 0.0) / unit, []
+        for power in _POWERS.tolist():
+            growth = max(power, _GROWTH)
+            # the force of a growing contact, in any unit
+            memory = np.diff(np.arange(fine.size + 1, dtype=float) ** (1.0 - growth + power))
+            shape = fftconvolve(np.diff(depth**growth, axis=1, prepend=0.0), memory[None], axes=1)[:, : fine.size]
+            shape = (shape if sections is None else sosfilt(sections, shape, axis=1))[:, ::FINENESS]
+            shape = shape - shape.mean(axis=1, keepdims=True)
+            size = np.maximum(np.sum(shape**2, axis=1), np.finfo(float).tiny)
+            rest = centred @ centred - np.maximum(shape @ centred, 0.0) ** 2 / size
+            rest = np.maximum(rest, used * resolution**2 / 12.0)
+            found.append(-0.5 * max(used - 3, 1) / correlated * np.log(rest))
+        return np.array(found)
+
+    low, high = max(rough - unit, float(position[0])), rough + unit
+    while True:
+        places = np.linspace(low, high, count)
+        likely = likelihood(places)
+        kept = np.flatnonzero(likely.max(axis=0) > likely.max() - 2.0 * np.log(count))
+        if kept.size > count // 4 or high - low < STEP:
             break
-        low, high = places[max(kept[0] - 1, 0)], places[min(kept[-1] + 1, _PLACES - 1)]
+        low, high = places[max(kept[0] - 1, 0)], places[min(kept[-1] + 1, count - 1)]
     weight = np.exp(likely - likely.max()).sum(axis=0)
     mean = float(np.average(places, weights=weight))
-    variance = float(np.average((places - mean) ** 2, weights=weight)) + _STEP**2 / 12.0
+    variance = float(np.average((places - mean) ** 2, weights=weight)) + STEP**2 / 12.0
     by_delay = delay.u * float(position[arrived] - position[touch]) / max(float(time[arrived] - time[touch]), 1e-9)
     return Quantity(mean, float(np.hypot(np.sqrt(variance), by_delay)), "m")
-
-
-def _likelihood(
-    places: Floats, position: Floats, force: Floats, rough: float, sections: Floats | None, step: float
-) -> Floats:
-    """Return the logarithm of the likelihood (power, place) of places, for the best level and stiffness."""
-    from scipy.signal import fftconvolve, sosfilt
-
-    unit = max(float(position.max()) - rough, _STEP)
-    fine = np.interp(np.arange((position.size - 1) * FINENESS + 1) / FINENESS, np.arange(position.size), position)
-    free, centred = force[position < rough - unit], force - force.mean()
-    memory = free.size / independent_count(free) if free.size > _FEWEST else 1.0
-    least = force.size * max(step / np.sqrt(12.0), _LEAST_NOISE * float(np.ptp(force))) ** 2
-    depth, found = np.maximum(fine - places[:, None], 0.0) / unit, []
-    for power in _POWERS.tolist():
-        growth = max(power, _GROWTH)
-        # the force of a growing contact, in any unit
-        memory_of_time = np.diff(np.arange(fine.size + 1, dtype=float) ** (1.0 - growth + power))
-        shape = fftconvolve(np.diff(depth**growth, axis=1, prepend=0.0), memory_of_time[None], axes=1)[:, : fine.size]
-        shape = (shape if sections is None else sosfilt(sections, shape, axis=1))[:, ::FINENESS]
-        shape = shape - shape.mean(axis=1, keepdims=True)
-        size = np.maximum(np.sum(shape**2, axis=1), np.finfo(float).tiny)
-        rest = centred @ centred - np.maximum(shape @ centred, 0.0) ** 2 / size
-        found.append(-0.5 * max(force.size - 3, 1) / memory * np.log(np.maximum(rest, least)))
-    return np.array(found)

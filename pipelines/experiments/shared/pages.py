@@ -1,15 +1,15 @@
 """The page of an experiment, and parts of pages that several kinds share: columns, recordings, calibration."""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.installation import __version__
 from labpipe.report import (
     Band,
@@ -31,15 +31,13 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
-from labpipe.units import Quantity
+from labpipe.units import Quantity, unit
 from labpipe.workflow.context import Context, Warned, settings_in_words
 from labpipe.workflow.exclusions import exclusions
 from labpipe.workflow.session import Session
+from pipelines.experiments.shared.comparison_rows import IMPACTS
 
 SYNTHETIC = "synthetic data"
-
-log_log = partial(LineChart, x_scale="log", y_scale="log")
-"""A chart of two logarithmic axes, as moduli are drawn."""
 
 SESSION_PAGE = "index.html"
 """The page of the whole session, next to the folder of the reports."""
@@ -61,35 +59,73 @@ def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
     return value_with_uncertainty(value, u, str(dataset[name].attrs["units"]))
 
 
-def column(
-    dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, has_u: bool = True, digits: int = 4
-) -> Listed:
-    """List a variable of a result, with its standard uncertainty where it has one and it is wanted.
+def known(result: xr.Dataset | None, titles: Mapping[str, tuple[str, str]], at: int = 0) -> list[tuple[str, str, str]]:
+    """Return title, value and remark of the finite values, or those at a place, of those variables that there are."""
+    found = {} if result is None else {name: result[name].values.ravel() for name in titles if name in result}
+    finite = [name for name, values in found.items() if values.size > at and np.isfinite(values[at])]
+    return [(titles[n][0], told(result, n, at if result[n].ndim else None), titles[n][1]) for n in finite if result]
 
-    With a factor other than 1 the numbers are no longer in SI, and the title names their unit.
+
+def _factor(label: str) -> float:
+    """Return the factor to SI of the unit in which a label ends: that of ``"time / ms"`` is 0.001."""
+    return unit(label.partition(" / ")[2].partition(",")[0]).factor
+
+
+def columns(
+    results: xr.Dataset | Sequence[xr.Dataset] | None, titles: Mapping[str, str], *, has_u: bool = True, digits: int = 4
+) -> Iterator[Listed]:
+    """List those variables of a result, or numbers of the results of several recordings, of which a value is known.
+
+    Their standard uncertainties are listed with them where there are any and they are wanted. A title may end in the
+    unit in which the numbers are shown, ``"creep / %"``; else one is chosen.
     """
-    u = f"u_{name}"
-    values, units = (dataset[name].values * factor).tolist(), str(dataset[name].attrs["units"]) if factor == 1.0 else ""
-    return Listed(
-        title, values, units, (dataset[u].values * factor).tolist() if has_u and u in dataset else None, digits
-    )
+    each = [] if results is None else results if isinstance(results, Sequence) else [results]
+    for name, title in titles.items() if each else ():
+        names, factor = [name, f"u_{name}"][: 1 + has_u], _factor(title)
+        found = [np.hstack([one[n].values for one in each]) / factor for n in names if n in each[0]]
+        if found and np.isfinite(found[0]).any():
+            units = "" if " / " in title else str(each[0][name].attrs["units"])
+            yield Listed(title, found[0].tolist(), units, found[1].tolist() if found[1:] else None, digits)
 
 
-def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "model") -> tuple[Series, Band]:
+def chart(
+    title: str, x: str, y: str, series: Sequence[Series], kind: type[LineChart] = LineChart, **more: Any
+) -> LineChart:
+    """Draw curves in SI in the units in which the labels of the axes end; ``views`` and ``vlines`` along x likewise."""
+    of_x, of_y = map(_factor, (x, y))
+    for name in {"views", "vlines"} & more.keys():
+        more[name] = [(text, *(float(at) / of_x for at in places)) for text, *places in more[name]]
+    shown = [
+        Series(
+            *(one.name, np.divide(one.x, of_x), np.divide(one.y, of_y), one.style, one.role),
+            *(None if one.u is None else np.divide(one.u, of_y), one.on_hover, one.level),
+        )
+        for one in series
+    ]
+    return kind(title, x, y, shown, **more)
+
+
+def model_curves(x: ArrayLike, y_and_u: Iterable[ArrayLike], label: str = "model", **more: Any) -> list[Series]:
     """Draw a model with the uncertainty that the verdict uses."""
-    y, wide = np.asarray(y), 2.0 * np.asarray(u)
-    return Series(label, x, y, role="model"), Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model")
+    y, u = map(np.asarray, y_and_u)
+    wide = 2.0 * u
+    curve = Series(label, x, y, role="model", **more)
+    return [curve, Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model", **more)]
 
 
-plain = partial(column, has_u=False)
-"""List a variable of a result without its uncertainty; else as :func:`column`."""
+def level(place: int, count: int) -> float | None:
+    """Return the level of a curve of a family, by its place; that of a single one has the colour of its role."""
+    return place / (count - 1) if count > 1 else None
 
 
-def of_each(results: Sequence[xr.Dataset], name: str, title: str, *, has_u: bool = True, digits: int = 4) -> Listed:
-    """List one number of every recording, with its standard uncertainty."""
-    u = [float(each[f"u_{name}"]) for each in results] if has_u else None
-    units = str(results[0][name].attrs["units"])
-    return Listed(title, [float(each[name]) for each in results], units, u, digits)
+def impact_views(touches: Floats, durations: Floats, margin: float = 0.3) -> list[tuple[str, float, float]]:
+    """Return windows [s] that show one of the first impacts each, by a part of its contact longer than that.
+
+    Contacts without a known duration are taken to last a millisecond.
+    """
+    lasts = np.where(durations > 0.0, durations, 1e-3)
+    windows = enumerate(zip(touches - margin * lasts, touches + (1.0 + margin) * lasts, strict=True), 1)
+    return [(f"impact {i}", *ends) for i, ends in windows if i <= IMPACTS and np.isfinite(ends[0])]
 
 
 def counted(n: float, noun: str, plural: str | None = None) -> str:

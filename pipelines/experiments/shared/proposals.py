@@ -16,7 +16,7 @@ from typing import Any
 import instruments
 from labpipe.errors import LabpipeError
 from labpipe.workflow import fields
-from pipelines.experiments._kind import Found
+from pipelines.experiments._kind import Found, Proposed
 
 GAP = fields.GAP
 
@@ -80,6 +80,14 @@ def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[
         groups.setdefault(stem(name), []).append(name)
     for key in sorted(groups):
         yield key, sorted(groups[key])
+
+
+def of_groups(
+    found: Found, names: Iterable[str], stem: Callable[[str], str], text: Callable[[Found, list[str], str], str]
+) -> Iterator[Proposed]:
+    """Propose an experiment for the files of each stem; ``text`` takes the scan, the files and the name."""
+    for key, files in grouped(names, stem):
+        yield Proposed(key, tuple(files), partial(text, found, files))
 
 
 def identifier(stem: str) -> str:

@@ -6,9 +6,10 @@ measured one, whatever was commanded.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import xarray as xr
 
@@ -21,21 +22,18 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
-from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared import mach1_readings, mach1_touch
 from pipelines.experiments.shared.mach1_readings import relative_gain
 from pipelines.experiments.shared.material_choice import Variation, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 
 TOUCH = "first touch"
-SHIFT = 1e-7
+SHIFT = mach1_touch.STEP
 """m of first touch by which a derivative is found: far above the solver's own error."""
 NOTHING_NAMED = "session.toml names no punch and no substrate, so nothing was simulated"
-_TIPS = "number of tips"
 _DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
-_UNIT_MODULUS = 1e6  # Pa; a soft elastic solid whose force is divided by it
-_INCOMPRESSIBLE = 0.5  # what a layer's ratio is taken for when no material is named
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,36 +47,39 @@ class Geometry:
 
     @classmethod
     def of(cls, punch: Punch, substrate: Substrate | None, model: IndentationModel, nu: float | None) -> "Geometry":
-        """Gather it from the settings."""
+        """Gather it from the settings; rubber of which nothing is named is incompressible and thick."""
         layer = None if substrate is None else substrate.thickness
-        return cls(punch, model, np.inf if layer is None else layer.value, _INCOMPRESSIBLE if nu is None else nu)
+        return cls(punch, model, np.inf if layer is None else layer.value, 0.5 if nu is None else nu)
 
-    def sizes(self, **changed: float) -> tuple[float, float, float]:
-        """Return radius and period of the tips, and their length together [m]; those of a tip may be ``changed``."""
-        radius, period, depth = (changed.get(name, getattr(self.punch, name).value) for name in _DIMENSIONS)
-        return radius, period, depth * self.punch.tips
+    @property
+    def sizes(self) -> tuple[float, float, float]:
+        """Radius and period of the tips, and their length together [m]."""
+        return self.punch.radius.value, self.punch.period.value, self.punch.depth.value * self.punch.tips
 
-    def pressed(self, solid: Prony, time: Floats, depth: Floats, **changed: float) -> xr.Dataset:
-        """Simulate the punch at displacements (sample,) [m] of times [s]; ``changed`` as for :meth:`sizes`."""
-        profile, elements = self.model.profile, self.model.elements
-        sizes = self.sizes(**changed)
-        return contact.indent(solid, *sizes, time, depth, profile=profile, thickness=self.thickness, elements=elements)
+    def enlarged(self, name: str) -> "Geometry":
+        """Return it with one dimension of the punch larger by the relative change of a sensitivity."""
+        given: Quantity = getattr(self.punch, name)
+        larger = given._replace(value=(1.0 + _RELATIVE_CHANGE) * given.value)
+        return replace(self, punch=msgspec.structs.replace(self.punch, **{name: larger}))
+
+    def pressed(self, solid: Prony, time: Floats, depth: Floats) -> xr.Dataset:
+        """Simulate the punch at displacements (sample,) [m] of times [s]."""
+        shape = {"profile": self.model.profile, "thickness": self.thickness, "elements": self.model.elements}
+        return contact.indent(solid, *self.sizes, time, depth, **shape)
 
 
-def elastic_force(displacement: Floats, geometry: Geometry, **changed: float) -> Floats:
+def elastic_force(displacement: Floats, geometry: Geometry) -> Floats:
     """Return force over reduced modulus [m²] of an elastic contact at displacements [m].
 
     Closed forms for parabola and cosine on a half-plane (for the cosine eq. 2.17), boundary elements otherwise.
-    ``radius``, ``period`` or ``depth`` [m] may stand in for the geometry's, for sensitivities.
     """
     profile, inside = geometry.model.profile, np.maximum(np.asarray(displacement, float), 0.0)
     if profile != "circle" and np.isinf(geometry.thickness):
-        radius, period, length = geometry.sizes(**changed)
+        radius, period, length = geometry.sizes
         return np.asarray(westergaard.from_displacement(inside, radius, period, 1.0, profile).force * length)
     order, force = np.argsort(inside), np.empty(inside.size)
-    solid = Prony(_UNIT_MODULUS * (1 - geometry.nu**2), [], [], nu=geometry.nu)
-    made = geometry.pressed(solid, np.arange(inside.size, dtype=float), inside[order], **changed)
-    force[order] = made["force"].values / _UNIT_MODULUS
+    made = geometry.pressed(Prony(1e6, [], [], nu=geometry.nu), np.arange(inside.size, dtype=float), inside[order])
+    force[order] = made["force"].values * (1.0 - geometry.nu**2) / 1e6
     return force
 
 
@@ -86,17 +87,16 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
     """Return the sources of uncertainty of the elastic force at a displacement, relative to the force."""
     at = np.array([displacement])
     force = float(elastic_force(at, geometry)[0])
+
+    def slope(changed: Floats) -> float:
+        return (float(changed[0]) / force - 1.0) / _RELATIVE_CHANGE
+
     sources = []
     for name, label in _DIMENSIONS.items():
         given: Quantity = getattr(geometry.punch, name)
-        change = _RELATIVE_CHANGE * given.value
-        other = float(elastic_force(at, geometry, **{name: given.value + change})[0])
-        slope = (other - force) / change / force
-        sources.append(Source.of(label, given, slope))
-    step = _RELATIVE_CHANGE * displacement
-    other = float(elastic_force(at + step, geometry)[0])
-    slope = (other - force) / step / force
-    sources.append(Source(TOUCH, 0.0, u_touch, "m", -slope, "systematic"))
+        sources.append(Source.of(label, given, slope(elastic_force(at, geometry.enlarged(name))) / given.value))
+    deeper = elastic_force((1.0 + _RELATIVE_CHANGE) * at, geometry)
+    sources.append(Source(TOUCH, 0.0, u_touch, "m", -slope(deeper) / displacement, "systematic"))
     return sources
 
 
@@ -116,23 +116,19 @@ def laid_along(
     return along_curve(means, own, np.array([*of_cell, *of_model]))
 
 
-def modelled(
-    loads: xr.Dataset,
-    found: xr.Dataset,
-    settings: Indentation,
-    file: Path | None,
-    fitted: xr.Dataset | None,
-    times: tuple[float, float],
+def model(
+    loads: xr.Dataset, found: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Indentation
 ) -> xr.Dataset:
-    """Return a file simulated with the solid and the punch that the settings name, as :func:`simulated` does.
+    """Simulate a file with the solid and the punch that the settings name, as :func:`simulated` does.
 
-    ``found`` holds first touch, ``times`` are as for :func:`.variations`. Without punch, substrate and first touch
-    there is nothing to simulate: the result says so.
+    ``found`` holds first touch. Without punch, substrate and first touch there is nothing to simulate: the result
+    says so. The force depends on the solid from one reading to the whole record.
     """
     punch, substrate, touch = settings.punch, settings.substrate, mach1_readings.touch_of(found)
     if punch is None or substrate is None or not np.isfinite(touch.value):
         return xr.Dataset(attrs={"absent": absent(settings, found)})
-    solid = resolve(substrate, file, fitted)
+    solid, time = resolve(substrate, file, fitted), mach1_readings.clock(loads)
+    times = float(np.median(np.diff(loads["time"].values))), float(np.ptp(time))
     geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
     return simulated(loads, touch, solid, geometry, variations(substrate, file, fitted, times))
 
@@ -177,7 +173,7 @@ def simulated(
     for source in relative_sources(deepest, 0.0, geometry)[:-1] if deepest > 0 else ():
         slopes[source.source] = Quantity(source.value, source.u, source.unit), source.sensitivity * force
     tips = float(geometry.punch.tips)
-    slopes[_TIPS] = Quantity(tips, 0.0, "1"), force / tips
+    slopes["number of tips"] = Quantity(tips, 0.0, "1"), force / tips
     slopes |= {name: (o.given, (superposed(area, o.solid) - best) / o.change) for name, o in others.items()}
     slope = np.array([one for _, one in slopes.values()])
     u = np.linalg.norm(slope * [[given.u] for given, _ in slopes.values()], axis=0)

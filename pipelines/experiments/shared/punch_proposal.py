@@ -1,6 +1,6 @@
 """Proposals of ``init``: Mach-1 files with oscillations, and with relaxations alone."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
@@ -9,35 +9,33 @@ from pipelines.experiments.shared import proposals
 
 def oscillations(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for every file with an oscillation."""
-    yield from _proposed(found, names, "Sinusoid", proposals.whole_stem, 'kind = "harmonic"\nmach1 = {first}')
+    ours = [name for name in names if _holds(found, name, "Sinusoid")]
+    head = 'kind = "harmonic"\nmach1 = {first}'
+    yield from proposals.of_groups(found, ours, proposals.whole_stem, partial(_tables, head))
 
 
 def relaxations(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for files with a relaxation and no oscillation; several depths form one."""
+    ours = [n for n in names if _holds(found, n, "Stress Relaxation") and not _holds(found, n, "Sinusoid")]
     head = 'kind = "relaxation"\nmach1 = {all}'
-    yield from _proposed(found, names, "Stress Relaxation", proposals.without_depth, head, without="Sinusoid")
+    yield from proposals.of_groups(found, ours, proposals.without_depth, partial(_tables, head))
 
 
-def _proposed(
-    found: Found, names: Sequence[str], block: str, stem: Callable[[str], str], head: str, without: str = "\0"
-) -> Iterator[Proposed]:
-    texts = ((name, found.path(name).read_bytes()) for name in names)
-    ours = [name for name, data in texts if f"<{block}>".encode() in data and f"<{without}>".encode() not in data]
-    for key, files in proposals.grouped(ours, stem):
-        first = f'"{proposals.quoted(files[0])}"'
-        listed = proposals.listed(files) if len(files) > 1 else f"[{first}]"
-        yield Proposed(key, tuple(files), partial(_tables, found, head.format(first=first, all=listed)))
+def _holds(found: Found, name: str, block: str) -> bool:
+    return f"<{block}>".encode() in found.path(name).read_bytes()
 
 
-def _tables(found: Found, head: str, name: str) -> str:
+def _tables(head: str, found: Found, files: Sequence[str], name: str) -> str:
     """Return the tables of an experiment that begins with some lines."""
+    first = f'"{proposals.quoted(files[0])}"'
+    listed = proposals.listed(files) if len(files) > 1 else f"[{first}]"
     record = next(iter(found.of("record:load_cell")), None)
     word = proposals.material_word(name) or "nbr"
     measured = proposals.dma_of(word, found)
     solid = f'material = "{word}"' if measured is None else f'material_from = "{measured}"'
     cell = "" if record is None else f'\n[experiments.{name}.load_cell]\nrecord = "{record}"'
     return f"""[experiments.{name}]
-{head}
+{head.format(first=first, all=listed)}
 # For the simulation, state punch and substrate:
 # [experiments.{name}.punch]
 # radius = "2 mm"      # of a cylindrical tip

@@ -55,13 +55,10 @@ def measured(settings: Any, context: Context, readings: Any = None, loads: Any =
     for name, raw, force in zip(files, read, tared, strict=True):
         inside: list[Block] = []
         if raw is not None:
-            columns = (
-                Listed("block", list(range(1, raw.sizes["block_index"] + 1))),
-                Listed("function", [str(f) for f in raw["function"].values]),
-                Listed("start", [str(s) for s in raw["start_time"].values]),
-                Listed("readings", raw["n_rows"].values.astype(int).tolist()),
-            )
-            inside.append(listed(columns, "Blocks of the file"))
+            of_blocks = {"function": "function", "start_time": "start", "n_rows": "readings"}
+            columns = [Listed(title, raw[name].values.tolist()) for name, title in of_blocks.items()]
+            numbers = Listed("block", list(range(1, raw.sizes["block_index"] + 1)))
+            inside.append(listed((numbers, *columns), "Blocks of the file"))
         if force is not None:
             gain, u_gain, record = float(force["gain"]), float(force["u_gain"]), force.attrs["calibration"]
             unknown = "as applied by the instrument; its uncertainty is unknown without a calibration record"

@@ -7,10 +7,7 @@ from pipelines.experiments.shared.settings import Columns, MaterialChoice, Recor
 
 
 class Punch(Table, frozen=True, kw_only=True):
-    """The indenter: cylindrical tips of one radius, ``period`` apart.
-
-    ``depth`` is the length of one tip along its axis; ``tips`` how many touch.
-    """
+    """The indenter: cylindrical tips of one radius."""
 
     radius: Annotated[Length, POSITIVE]  #: radius of a tip
     period: Annotated[Length, POSITIVE]  #: distance of the tips
@@ -25,12 +22,9 @@ class Substrate(MaterialChoice, frozen=True, kw_only=True):
 
 
 class LoadCell(Table, frozen=True, kw_only=True):
-    """The load cell.
+    """The load cell; without its record the uncertainty of its gain is not known and counts in no result."""
 
-    ``record`` is its calibration record: without it the gain's uncertainty is not known and counts in no result.
-    """
-
-    record: File | None = None
+    record: File | None = None  #: its calibration record
 
 
 class IndentationModel(Table, frozen=True, kw_only=True):
@@ -43,13 +37,12 @@ class IndentationModel(Table, frozen=True, kw_only=True):
 class Indentation(Recorded, frozen=True, kw_only=True):
     """Mach-1 files of an indentation.
 
-    Without ``punch`` no modulus is found, and without ``substrate`` nothing is simulated: the report then holds the
-    measurement alone, and says so. ``contact`` is the stage position of first touch; without it the approach in the
-    same file is searched for it. ``columns`` names time, position and force of another tester's table, one block.
+    ``contact`` is the stage position of first touch; without it the approach in the same file is searched for it.
+    ``columns`` names time, position and force of another tester's table, one block.
     """
 
-    punch: Punch | None = None  #: the indenter; without it no modulus is found
-    substrate: Substrate | None = None  #: the rubber; without it nothing is simulated
+    punch: Punch | None = None  #: the indenter; without it no modulus is found, and the report says so
+    substrate: Substrate | None = None  #: the rubber; without it nothing is simulated, and the report says so
     contact: Length | None = None  #: stage position of first touch
     load_cell: LoadCell = LoadCell()  #: the load cell
     columns: Columns | None = None  #: columns of another tester's table

@@ -16,22 +16,24 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy import special
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import IN_MOTION, MARKER
-from labpipe.judging import Check, Level, not_made, stated
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, LIKELY, Check, Level, doubtful_among, not_made
 from labpipe.report import quantity
-from labpipe.signals import Hum, quantisation_step
+from labpipe.signals import Hum, estimate_noise, quantisation_step
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.exclusions import EXCLUDED
 from pipelines.experiments.shared.judgements import Title, Titles, day_known, failed_steps
 
-_FLAT = 6  # equal readings in a row that a moving body does not give
-_IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
+FLAT = 6
+"""Equal readings in a row that a moving body does not give."""
+MANY = 0.01
+"""Part of the readings, left out as outliers, that is more than an occasional disturbance."""
 _QUIET = 200  # readings at the beginning that should be at rest
-_LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a note, doubtful, impossible
-_BLOCK = 48  # readings that do not repeat by chance; half of them where noise exceeds the resolution
-_WINDOW = 24  # readings in which a lost or doubled one is looked for
+_DRIFT = (0.02, 0.2)  # of the travel: drift over the record that is doubtful, impossible
+_WINDOW = 24  # readings that do not repeat by chance, and in which a lost or doubled one is looked for
 
 SINGLE_ROWS = "lost or doubled rows"
 _WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
@@ -104,10 +106,8 @@ class Trace:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a reading, from second differences [m]."""
-        bend = np.diff(self.reading, 2)
-        bend = bend[np.isfinite(bend)]
-        return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)) if bend.size else 0.0
+        """Standard deviation of a reading, at least that of rounding [m]."""
+        return estimate_noise(self.reading[np.isfinite(self.reading)]).sigma
 
     @cached_property
     def resolution(self) -> float:
@@ -118,7 +118,12 @@ class Trace:
     @cached_property
     def block(self) -> int:
         """Number of readings that do not repeat by chance."""
-        return _BLOCK // 2 if self.noise > self.resolution else _BLOCK
+        return _WINDOW if self.noise > self.resolution else 2 * _WINDOW
+
+    @property
+    def limit(self) -> float:
+        """Deviation [m] that noise reaches in one record of thousands."""
+        return doubtful_among(self.reading.size) * self.noise
 
     def at(self, index: int) -> str:
         """Write the time of a reading."""
@@ -126,7 +131,7 @@ class Trace:
 
     def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
         """Return a check of this record."""
-        return stated(name, f"{self.name}: {text}", level, file=self.name, cause=cause)
+        return Check(name, f"{self.name}: {text}", level, file=self.name, cause=cause)
 
 
 def of_recordings(
@@ -155,7 +160,7 @@ def of_recordings(
 
 def of_readings(trace: Trace, gravity: float, hum: Hum | None = None) -> list[Check]:
     """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it."""
-    if np.isfinite(trace.reading).sum() < 10 * _FLAT:
+    if np.isfinite(trace.reading).sum() < 10 * FLAT:
         return [not_made("readings", "sixty valid readings")]
     held = held_readings(trace)
     found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
@@ -182,7 +187,7 @@ def unread(trace: Trace) -> Check:
     if not longest:
         return trace.seen(name, "every reading is valid")
     text = f"{int(lost.sum())} readings are out of range or invalid, {longest} of them in a row from {trace.at(start)}"
-    return trace.seen(name, text, "doubtful" if longest >= _FLAT else "note", _OUT_OF_RANGE)
+    return trace.seen(name, text, "doubtful" if longest >= FLAT else "note", _OUT_OF_RANGE)
 
 
 def held_readings(trace: Trace) -> Check:
@@ -193,9 +198,9 @@ def held_readings(trace: Trace) -> Check:
     longest, start = longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
     around = np.abs(x[max(start - 4, 0) : start + longest + 5] - x[start])
     away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
-    is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + _IN_NOISE * trace.noise)
+    is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + trace.limit)
     is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
-    if longest < _FLAT or not (is_moving or is_constant):
+    if longest < FLAT or not (is_moving or is_constant):
         return trace.seen(name, "no clipped or held readings")
     cause = _WRONG_CHANNEL if is_constant else _HELD
     if is_tail and not is_constant and x[start] == 0.0:
@@ -215,18 +220,30 @@ def longest_run(flags: np.ndarray) -> tuple[int, int]:
     return int(ends[best] - starts[best]), int(starts[best])
 
 
+def break_in(values: Floats, noise: float) -> tuple[int, float] | None:
+    """Find the largest interruption of a motion that is read at even intervals.
+
+    An impact bends a motion: its steps lie between those before and after. Where readings were lost, or sensor or
+    camera were moved, one step exceeds both. Returned are the index of the reading after it and by how much it does;
+    None where that is within the noise, of standard deviation ``noise``, and what is usual in this record.
+    """
+    steps = np.diff(values)
+    if np.isfinite(steps).sum() < 3:
+        return None
+    before, after = steps[1:-1] - steps[:-2], steps[1:-1] - steps[2:]
+    beyond = np.nan_to_num(np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0))
+    at = int(np.argmax(beyond))
+    usual = max(3.0 * float(np.quantile(beyond, 0.98)), 0.5 * float(np.nanquantile(np.abs(steps), 0.98)))
+    is_break = beyond[at] > usual + doubtful_among(beyond.size) * sqrt(6.0) * noise  # of a second difference
+    return (at + 2, float(np.copysign(beyond[at], before[at]))) if is_break else None
+
+
 def _jumps(trace: Trace) -> Check:
     """Look for steps between two readings that no speed of the body explains."""
-    name, known = "jumps and spikes", np.flatnonzero(np.isfinite(trace.reading))
-    steps = np.diff(trace.reading[known])
-    # of three steps in a row the middle one: a spike makes two of them, against each other
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(steps, 3), axis=1)
-    usual = float(np.quantile(np.abs(middle), 0.995))
-    limit = max(3.0 * usual, 0.02 * trace.travel) + _IN_NOISE * trace.noise + 2 * trace.resolution
-    jumps = np.where(np.diff(known) == 1, np.abs(steps), 0.0)
-    worst = int(np.argmax(jumps))
-    if jumps[worst] > limit:
-        text = f"the readings jump by {quantity(float(steps[worst]), 'm')} at {trace.at(int(known[worst + 1]))}, "
+    name, broken = "jumps and spikes", break_in(trace.reading, trace.noise)
+    if broken is not None:
+        usual = float(np.nanquantile(np.abs(np.diff(trace.reading)), 0.98))
+        text = f"the readings jump by {quantity(broken[1], 'm')} at {trace.at(broken[0])}, "
         text += f"{quantity(usual, 'm')} between two readings is usual"
         cause = "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
         cause += "sensor was moved or disturbed"
@@ -240,7 +257,7 @@ def _jumps(trace: Trace) -> Check:
         f"of {quantity(size, 'm')} at {trace.at(first)}"
     )
     count = sum(end - begin + 1 for begin, end, _ in trace.outliers)
-    level: Level = "doubtful" if count > 0.01 * trace.reading.size else "note"
+    level: Level = "doubtful" if count > MANY * trace.reading.size else "note"
     return trace.seen(name, text, level, "a disturbance of the sensor, such as a flash of light or a speck of dust")
 
 
@@ -253,11 +270,12 @@ def _single_rows(trace: Trace) -> Check:
     design = np.stack([np.ones_like(place), place, place**2, np.sign(place) / 2.0])
     inverse = np.linalg.pinv(design)
     windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
-    fitted, noise = windows @ inverse, max(trace.noise, 0.3 * trace.resolution)
-    is_smooth = np.std(windows - fitted @ design, axis=1) < 1.5 * noise
-    step, jump, u = fitted[:, 1], fitted[:, 3], noise * float(np.linalg.norm(inverse[:, 3]))
+    fitted = windows @ inverse
+    left, freedom = np.sum((windows - fitted @ design) ** 2, axis=1), _WINDOW - len(design)
+    is_smooth = left < special.chdtri(freedom, LIKELY) * trace.noise**2
+    step, jump = fitted[:, 1], fitted[:, 3]
     # a small bounce turns within a window too, but at steps that hardly exceed the noise
-    is_large = np.minimum(np.abs(jump), np.abs(step)) > _IN_NOISE * u
+    is_large = np.minimum(np.abs(jump), np.abs(step)) > 2 * DOUBTFUL * trace.noise * np.linalg.norm(inverse[:, 3])
     seen = np.flatnonzero(is_smooth & is_large & (np.abs(np.abs(jump / step) - 1.0) < 0.5))
     runs = np.split(seen, np.flatnonzero(np.diff(seen) > _WINDOW) + 1) if seen.size else []
     # of neighbouring windows the one with the largest jump
@@ -293,7 +311,7 @@ def repeated_rows(trace: Trace) -> Check:
 def shared_rows(traces: Sequence[Trace]) -> Check:
     """Look for two records of equal readings, digit by digit but for their zero and the end of the longer one."""
     name = "readings of another record"
-    known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
+    known = [t for t in traces if t.reading.size >= 3 * t.block and t.resolution > 0.0]
     if len(known) < 2:
         return not_made(name, "two records with readings that differ")
     for first, later in combinations(known, 2):
@@ -302,7 +320,7 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
         if (apart[np.isfinite(apart)] < half).all():
             text = f"{n} readings in a row are those of {first.name}, digit by digit"
             return later.seen(name, text, "doubtful", "a copy was taken for a repeat")
-    return stated(name, f"{'the two' if len(known) == 2 else f'all {len(known)}'} recordings are different", None)
+    return Check(name, f"{'the two' if len(known) == 2 else f'all {len(known)}'} recordings are different", None)
 
 
 def resolution(trace: Trace) -> Check:
@@ -313,27 +331,23 @@ def resolution(trace: Trace) -> Check:
     text = f"a resolution of {quantity(step, 'm')} for a travel of {quantity(travel, 'm')}"
     level: Level | None = "doubtful" if step > 0.03 * travel else "note" if step > 5e-3 * travel else None
     cause = "the display shows too few digits: set more decimals in the controller"
-    if travel < _IN_NOISE * trace.noise:
+    if travel < 2.0 * trace.limit:
         cause = f"nothing moves in this record: it ends before the impact or begins after it, or {_WRONG_CHANNEL}"
     return trace.seen(name, text, level, cause)
 
 
 def _steady_noise(trace: Trace) -> Check:
     """Compare the noise of five parts of a record."""
-    name, bend = "change of the noise", np.abs(np.diff(trace.reading, 4)) / np.sqrt(70.0)
-    parts = [part[np.isfinite(part)] for part in np.array_split(bend, 5)]
+    name, parts = "change of the noise", [x[np.isfinite(x)] for x in np.array_split(trace.reading, 5)]
     if min(part.size for part in parts) < _QUIET:
         return not_made(name, f"{5 * _QUIET} readings")
-    sizes = np.maximum([1.4826 * float(np.median(part)) for part in parts], 0.3 * trace.resolution)
+    sizes = np.maximum([estimate_noise(part).sigma for part in parts], trace.resolution / sqrt(12.0))
     low, high = int(np.argmin(sizes)), int(np.argmax(sizes))
-    text = (
-        f"noise of {quantity(sizes[low], 'm')} in part {low + 1} of 5, {quantity(sizes[high], 'm')} in part {high + 1}"
-    )
+    text = f"noise of {quantity(sizes[low], 'm')} in part {low + 1} of 5, {quantity(sizes[high], 'm')} in part "
     cause = "light, surface, gain or averaging of the sensor changed while it recorded"
-    level: Level | None = (
-        "doubtful" if sizes[high] > 10.0 * sizes[low] else "note" if sizes[high] > 3.0 * sizes[low] else None
-    )
-    return trace.seen(name, text, level, cause)
+    is_more = (sizes[high] > times * sizes[low] for times in (10.0, 3.0))
+    level: Level | None = "doubtful" if next(is_more) else "note" if next(is_more) else None
+    return trace.seen(name, f"{text}{high + 1}", level, cause)
 
 
 def _beginning(trace: Trace, gravity: float) -> Check:
@@ -344,20 +358,19 @@ def _beginning(trace: Trace, gravity: float) -> Check:
     if keep.sum() < _QUIET // 2:
         return not_made(name, f"{_QUIET} quiet readings")
     t, x = t[keep], x[keep]
-    span, noise = float(t[-1]), max(trace.noise, 0.3 * trace.resolution, 1e-12)
+    span = float(t[-1])
     bend, slope = 2 * float(np.polyfit(t, x, 2)[0]), float(np.polyfit(t, x, 1)[0])
-    u_bend, u_slope = noise * sqrt(720.0 / t.size) / span**2, noise * sqrt(12.0 / t.size) / span
-    if 0.4 * gravity < abs(bend) < 2.5 * gravity and abs(bend) > 10 * u_bend:
+    u_bend, u_slope = (trace.noise * sqrt(of / t.size) / span**k for of, k in ((720.0, 2), (12.0, 1)))
+    if 0.4 * gravity < abs(bend) < 2.5 * gravity and abs(bend) > IMPOSSIBLE * u_bend:
         text = f"the first {quantity(span, 's')} are curved by {quantity(abs(bend), 'm/s2')}: a fall"
         cause = "the record begins in mid-fall: the body was released before the trigger; record from earlier on. Its "
         return trace.seen(name, text, "impossible", f"{cause}release and height are not measured")
     drift = abs(slope) * float(trace.time[-1] - trace.time[0])
     part = drift / trace.travel if trace.travel > 0 else 0.0
-    is_sure = abs(slope) > 10 * u_slope and abs(bend) * span < abs(slope) and drift > 10 * noise
-    if not is_sure or part < _LIMITS[0]:
+    if not (abs(slope) > max(DOUBTFUL * u_slope, abs(bend) * span) and drift > trace.limit):
         return trace.seen(name, "at rest in the beginning")
     text = f"the readings drift by {quantity(slope, 'm/s')} before the release, {quantity(drift, 'm')} over the record"
-    level: Level = "impossible" if part > _LIMITS[2] else "doubtful" if part > _LIMITS[1] else "note"
+    level: Level = "impossible" if part > _DRIFT[1] else "doubtful" if part > _DRIFT[0] else "note"
     return trace.seen(name, text, level, "drift of the sensor or of its holder: let it warm up, or fasten it")
 
 
@@ -374,7 +387,7 @@ def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> li
     if u > 3.0:  # even an angle estimated by eye is known better
         cause = f"u of the inclination in {record} is probably not {u:.2g}°: a lost decimal, or another unit"
     place: Level | None = "doubtful" if angle > 45.0 or u > 3.0 else None
-    found.append(stated("line of sight", text, place, cause=cause, file=record, setting="values.inclination"))
+    found.append(Check("line of sight", text, place, cause=cause, file=record, setting="values.inclination"))
     return found
 
 

@@ -1,6 +1,6 @@
 """The page of an experiment: its verdict, and the sections that its kind lists."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,29 +9,32 @@ import xarray as xr
 from labpipe.report import Block, Column, Details, KeyValues, Notice, Section, Table
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.budget_blocks import budgets
+from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exclusions import exclusion_notice, notebook
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import verdict_blocks
-from pipelines.experiments.shared.pages import document
-
-__all__ = ("Report", "budgets", "is_there", "summary")
+from pipelines.experiments.shared.pages import document, methods
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Report:
     """The page of a kind: called by its stage, it shows the results of the steps.
 
-    ``subtitle`` may take the settings; ``shown`` names the inputs of the stage after the judgement, in its order; each
-    of ``sections`` asks by name (:mod:`pipelines.experiments.shared.given`) and returns a section, several, or None: a
-    step that failed leaves its section out and its error in; ``rows`` are those of the comparison; ``counts`` says by
-    name whether a result is one at all.
+    ``subtitle`` may take the settings; ``shown`` names the inputs of the stage after the judgement, in its order. All
+    other functions ask for results by name (:mod:`pipelines.experiments.shared.given`): ``details`` gives key values
+    with a remark each, ``rows`` the comparison, each of ``sections`` a section, several, or None, ``budget`` the main
+    quantities with their inputs, ``methods`` a paragraph for a manuscript. A step that failed leaves its section out
+    and its error in. ``counts`` says by name whether a result is one at all.
     """
 
     subtitle: str | Callable[[Any], str]
     shown: tuple[str, ...]
     sections: Sequence[Callable[..., Section | Iterable[Section] | None]]
+    budget: Callable[..., Iterable[Quantity]]
+    methods: Callable[..., str]
     rows: Callable[..., Iterable[Row]] | None = None
+    details: Callable[..., Sequence[tuple[str, str, str]]] | None = None
     counts: Mapping[str, Callable[[Any], bool]] = field(default_factory=dict)
 
     def __call__(self, judgement: xr.Dataset | None, *results: Any, settings: Any, context: Context) -> str:
@@ -39,43 +42,43 @@ class Report:
         known = dict(zip(self.shown, results, strict=True))
         known |= {n: None for n, counts in self.counts.items() if known[n] is not None and not counts(known[n])}
         given = Given(**known, settings=settings, context=context)
-        answer, *basis = verdict_blocks(judgement, given.each([self.rows] if self.rows else []))
-        sections = [*given.each(self.sections), notebook(settings)]
+        rows = given.each([self.rows] if self.rows else [])
+        answer, *basis = verdict_blocks(judgement, rows)
+        details: list[Block] = [KeyValues(told)] if self.details and (told := given.ask(self.details)) else []
+        if self.rows and not rows and not context.failures:
+            details.append(Notice("info", "There is nothing to compare with."))
+        text = given.ask(self.methods)
+        sections = [
+            Section("Summary", [*details, *_compared(rows)]),
+            *given.each(self.sections),
+            budgets(given.ask(self.budget) or (), context.experiment),
+            *([methods(text, settings)] if text else []),
+            notebook(settings),
+        ]
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
         return document(context, subtitle, sections, (answer, *exclusion_notice(settings)), basis).render()
 
 
-def summary(
-    rows: Callable[..., Iterable[Row]], details: Callable[..., Sequence[tuple[str, str, str]]] | None = None
-) -> Callable[..., Section]:
-    """Return the summary of a kind: its compared values, after ``details``, further values with a remark each."""
+def _compared(rows: Sequence[Row]) -> Iterator[Block]:
+    """Show measurement and expectation of each quantity; of many it is folded away."""
     columns = (
         *map(Column, ("quantity", "measured", "expected", "difference")),
         *(Column("deviation", "u", digits=2), Column("nRMSE", "%", digits=3), Column("p", digits=2)),
     )
+    cells = [
+        (
+            ", ".join(filter(None, (row.quantity, row.material, row.condition))),
+            *(text and text.replace(" ", "\N{NO-BREAK SPACE}") for text in row.texts),
+            row.deviation,
+            None if row.nrmse is None else 100 * row.nrmse,
+            row.p,
+        )
+        for row in rows
+    ]
     caption = "Of a curve the difference is the mean one, and nRMSE is relative to the range of the model."
-
-    def section(given: Given, context: Context) -> Section:
-        told = details and given.ask(details)
-        blocks: list[Block] = [KeyValues(told)] if told else []
-        cells = [
-            (
-                ", ".join(filter(None, (row.quantity, row.material, row.condition))),
-                *(text and text.replace(" ", "\N{NO-BREAK SPACE}") for text in row.texts),
-                row.deviation,
-                None if row.nrmse is None else 100 * row.nrmse,
-                row.p,
-            )
-            for row in given.each([rows])
-        ]
-        if cells:
-            table = Table(columns, cells, caption=caption)
-            blocks.append(Details(f"All {len(cells)} compared values", [table]) if len(cells) > 12 else table)
-        elif not context.failures:
-            blocks.append(Notice("info", "There is nothing to compare with."))
-        return Section("Summary", blocks)
-
-    return section
+    if cells:
+        table = Table(columns, cells, caption=caption)
+        yield Details(f"All {len(cells)} compared values", [table]) if len(cells) > 12 else table
 
 
 def is_there(result: xr.Dataset) -> bool:

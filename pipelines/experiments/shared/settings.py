@@ -20,12 +20,9 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Recorded(Table, frozen=True, kw_only=True):
-    """Table of an experiment.
+    """Table of an experiment."""
 
-    ``exclude`` leaves recordings, readings or frames out, each with a reason; ``notes`` are dated remarks.
-    """
-
-    exclude: list[Exclusion] = []  #: recordings, readings or frames left out
+    exclude: list[Exclusion] = []  #: recordings, readings or frames left out, each with a reason
     notes: list[Note] = []  #: dated remarks, shown on the page
 
 
@@ -40,8 +37,8 @@ Columns = Annotated[
     str | dict[str, str | int | NamedColumn],
     msgspec.Meta(description='columns such as { time = "Time (s)", displacement = "Position (m)" }'),
 ]
-"""Columns of a table that no reader recognises, ``{ time = "Time (s)", displacement = "Position (m)" }``, or all in
-their order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"`` (:func:`instruments.tables.read`)."""
+"""Columns of a table that no reader recognises, by name or, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``, all in their
+order with their units (:func:`instruments.tables.read`)."""
 
 
 def named_columns(columns: Columns | None) -> str | dict[str, object] | None:
@@ -60,13 +57,11 @@ def named_columns(columns: Columns | None) -> str | dict[str, object] | None:
 class MaterialChoice(Table, frozen=True, kw_only=True):
     """Where the material comes from: exactly one of three.
 
-    ``material`` is a name of the library (``acrylic``), ``material_file`` a TOML file of the
-    session, ``material_from`` the name of a DMA experiment of this session. ``temperature``
-    shifts the material by its law; without it, it is taken at its reference temperature.
+    ``temperature`` shifts it by its law; without it, it is taken at its reference temperature.
     """
 
     alternatives: ClassVar = (("material", "material_file", "material_from"),)
-    material: str | None = None  #: name in the library
+    material: str | None = None  #: name in the library, such as acrylic
     material_file: fields.File | None = None  #: TOML file of a material
     material_from: fields.ExperimentName | None = None  #: DMA experiment of this session
     temperature: fields.Temperature | None = None  #: temperature of the specimen
@@ -87,7 +82,7 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
 
 
 class Sphere(MaterialChoice, frozen=True, kw_only=True):
-    """The falling body; ``mass`` is all that moves, sphere and holder.
+    """The falling body.
 
     ``temperature`` is read at the surface. Unless the sphere is ``homogeneous``, warmed or cooled through, its inside
     may have any temperature from there to ``ambient``, by default that of a laboratory (ISO 554: 20, 23 or 27 °C).
@@ -130,15 +125,10 @@ Flat = Annotated[
 
 
 class Keyence(Table, frozen=True, kw_only=True):
-    """Settings that a laser export may lack; nothing here is guessed.
-
-    ``cycle`` is the time between samples and ``storage_factor`` the number of samples per stored
-    point (1 where only the cycle is given here); ``units`` has one entry per output.
-    Contradictions to the file are refused. ``columns`` names those of a recorder's table.
-    """
+    """Settings that a laser export may lack; nothing here is guessed, and contradictions to the file are refused."""
 
     cycle: Annotated[fields.Time, fields.POSITIVE] | None = None  #: time between samples
-    storage_factor: Annotated[int, fields.Range(at_least=1)] | None = None  #: samples per stored point
+    storage_factor: Annotated[int, fields.Range(at_least=1)] | None = None  #: samples per stored point; 1 if not given
     units: list[str] | None = None  #: unit of each output
     encoding: str | None = None  #: codec of the text, such as cp932
     decimal: Literal[".", ","] | None = None  #: decimal sign of the file
@@ -146,15 +136,11 @@ class Keyence(Table, frozen=True, kw_only=True):
 
 
 class Sensor(Table, frozen=True, kw_only=True):
-    """Which output of the controller sees the holder, and which way it counts.
-
-    ``direction`` is +1 when the reading grows as the holder moves up, −1 when it falls.
-    ``serial`` is the sensor in use; a calibration record of another one is refused.
-    """
+    """Which output of the controller sees the holder, and which way it counts."""
 
     output: str = "out1"  #: output that sees the holder
     direction: Literal[1, -1] = 1  #: 1: the reading grows as the holder moves up; −1: it falls
-    serial: str | None = None  #: serial number of the sensor
+    serial: str | None = None  #: serial number of the sensor; a calibration record of another one is refused
 
 
 class Plate(Table, frozen=True, kw_only=True):
@@ -171,15 +157,19 @@ def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
         raise ValueError("give plate or plate_from (a plate vibration of this session), not both")
 
 
-class DropModel(Table, frozen=True, kw_only=True):
-    """Simulation of the drop.
+class SphereModel(Table, frozen=True, kw_only=True):
+    """Simulation of a loaded sphere.
 
     ``profile`` is the gap's shape: the parabola of the thesis or the exact sphere (7e-4 in force
-    at a contact radius of 0.8 mm). ``rtol`` bounds the error of restitution and peak force.
-    ``gravity`` is that of the place; it sets the impact speed.
+    at a contact radius of 0.8 mm).
     """
 
-    solver: Literal["mdr", "rings"] = "mdr"  #: springs (mdr) or ring elements
     profile: Literal["parabola", "sphere"] = "parabola"  #: shape of the gap
-    rtol: Annotated[float, fields.Range(above=0.0, at_most=1e-2)] = 1e-4  #: of restitution and peak force
     gravity: Annotated[fields.Acceleration, fields.POSITIVE] = Quantity(9.81, 0.0, "m/s2")  #: that of the place
+
+
+class DropModel(SphereModel, frozen=True, kw_only=True):
+    """Simulation of the drop; gravity sets the impact speed."""
+
+    solver: Literal["mdr", "rings"] = "mdr"  #: springs (mdr) or ring elements
+    rtol: Annotated[float, fields.Range(above=0.0, at_most=1e-2)] = 1e-4  #: of restitution and peak force

@@ -1,13 +1,12 @@
 """Budgets of a static loading: approach and contact radius under the last load, and the model's."""
 
 from collections.abc import Iterator
-from math import sqrt, tan
+from math import inf, sqrt
 
-import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.shared.budget_quantity import Quantity, of_laser, of_simulation
+from pipelines.experiments.shared.budget_quantity import Quantity, of_laser, of_simulation, product
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 
@@ -21,22 +20,20 @@ def quantities(
 ) -> Iterator[Quantity]:
     """Yield approach and contact radius under the last load, and the model's radius."""
     depth = float(approach["level_approach"][-1])
-    along, inputs = of_laser(displacement, depth)
-    tilt, by_loads = inputs["inclination"], float(steps["touch_part_of_loads"])
-    scale = depth * float(np.hypot(inputs["gain"].u, tan(tilt.value) * tilt.u))
+    along, by_loads = of_laser(displacement), float(steps["touch_part_of_loads"])
     errors = {
         "drift": settings.steps.drift.value,
         "first_touch": excess_uncertainty(float(steps["u_touch"]), by_loads),
         "mass_of_the_loads": by_loads,
     }
-    errors["noise"] = excess_uncertainty(float(approach["u_level_approach"][-1]), scale, *errors.values())
-    inputs |= {name: Input(0.0, u, "m") for name, u in errors.items()}
-    yield Quantity("approach under the last load", "m", along, inputs)
+    own, rest = {name: Input(0.0, u) for name, u in errors.items()}, float(approach["u_level_approach"][-1])
+    of_depth = product("approach under the last load", "m", depth, along, own, rest=("noise", rest, inf))
+    yield of_depth
 
     def contact_radius(radius: float, **rest: float) -> float:
-        return sqrt(max(radius * along(**rest), 0.0))
+        return sqrt(max(radius * of_depth.model(**rest), 0.0))
 
     if depth > 0.0:
-        ball = {"radius": Input(settings.sphere.radius.value, settings.sphere.radius.u, "m")}
-        yield Quantity("contact radius under the last load", "m", contact_radius, ball | inputs)
+        ball = {"radius": Input(*settings.sphere.radius)}
+        yield Quantity("contact radius under the last load", "m", contact_radius, ball | of_depth.inputs)
     yield from of_simulation("contact radius of the model under the last load", model, "contact_radius", -1)

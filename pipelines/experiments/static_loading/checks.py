@@ -7,7 +7,18 @@ from math import hypot, log, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, Level, compared, fitted_errors, in_words, not_made, stated, too_large
+from labpipe.judging import (
+    DOUBTFUL,
+    SLIPS,
+    Cause,
+    Check,
+    bounded,
+    compared,
+    fitted_errors,
+    in_words,
+    not_made,
+    too_large,
+)
 from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -23,13 +34,10 @@ from pipelines.experiments.static_loading.settings import StaticLoading
 MATERIAL = "approach against the material"
 _SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be a knock
 _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
-_OTHER_GRADE, _NO_GRADE = 3.0, 30.0  # factors between moduli of one polymer that are much, that are too much
 _DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
 _ROWS, _FREE, _LEFT = 240, 1e4, 0.3
 """Readings that are enough to distinguish mistakes; noises by which the fit is free; part of the misfit that a mistake
 may leave."""
-_LENGTHS = (1e3, 1e-3, 10.0, 0.1, 25.4, 1 / 25.4)
-"""Fewer than other kinds look for: a mass in another unit looks like a length that is 100 times too large."""
 _FAILED = dict.fromkeys(("steps", "approach"), "the record does not hold the loads that session.toml states")
 _STEPS = ("readings", "displacement", "steps", "approach", "model", "comparison")
 TITLES = {
@@ -91,16 +99,16 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
     is_other = np.array([np.abs(steps["begin"].values - t).min() > near for t in at], bool)
     if not is_other.any():
         text = f"{settings.laser}: {steps.sizes['load']} loads, {steps.sizes['load'] - 1} steps between them"
-        return stated(name, text, None, file=settings.laser)
+        return Check(name, text, None, file=settings.laser)
     worst, least = int(np.argmax(np.where(is_other, sizes, -np.inf))), float(np.nanmin(steps["jump"].values))
     text = (
         f"{settings.laser}: the readings step by {quantity(float(sizes[worst]), 'm')} at {at[worst]:.0f} s, where no "
         f"load is stated; the smallest step of a load is {quantity(least, 'm')}"
     )
-    level: Level = "doubtful" if sizes[worst] < _SMALL_STEP * least else "impossible"
+    is_small = sizes[worst] < _SMALL_STEP * least
     missing = f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
-    cause = f"{missing}steps; or " * (level == "impossible") + "the stand or the sensor was knocked"
-    return stated(name, text, level, cause=cause, setting="loads")
+    cause = "the stand or the sensor was knocked" if is_small else f"{missing}steps; or the stand or sensor was knocked"
+    return Check(name, text, "doubtful" if is_small else "impossible", cause=cause, setting="loads")
 
 
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -154,15 +162,15 @@ def _of_material(settings: StaticLoading, approach: xr.Dataset, model: xr.Datase
     expected, u_expected = float(model["approach"][-1]), float(model["u_approach"][-1])
     if not (seen > 0.0 and expected > 0.0):
         return not_made(MATERIAL, "an approach above 0")
-    gap, u = log(seen / expected), hypot(u_seen / seen, u_expected / expected)
+    gap, own = log(seen / expected), hypot(u_seen / seen, u_expected / expected)
     message = f"{settings.laser}: {shown(seen, u_seen, 'm')} under the last load, about {quantity(expected, 'm')} "
     message += "expected for the stated sphere and material"
-    size = 1.5 * abs(gap)
-    level: Level | None = "impossible" if size > log(_NO_GRADE) else "doubtful" if size > log(_OTHER_GRADE) else None
+    u = hypot(own, 2 / 3 * judgements.u_modulus(settings.sphere))
+    level = bounded(MATERIAL, message, abs(gap), u, at_most=0.0).level
     # a diameter for a radius is within the moduli of one polymer
-    if abs(gap) > 4 * u and abs(abs(gap) - log(2.0) / 3) < hypot(_DIAMETER, 2 * u):
+    if abs(gap) > DOUBTFUL * own and abs(abs(gap) - log(2.0) / 3) < hypot(_DIAMETER, 2 * own):
         level = level or "doubtful"
-    return Check(MATERIAL, message, level, gap / u, gap, u)
+    return Check(MATERIAL, message, level, gap / u, gap, own)
 
 
 def _causes(settings: StaticLoading) -> Sequence[Cause]:
@@ -182,10 +190,11 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
     def of_masses(k: float) -> str:
         return f"the masses come out {too_large(k)}: {masses} (loads in session.toml)"
 
-    radii = SLIPS["gain"] + _LENGTHS
+    # a mass in another unit looks like a length that is 100 times too large
+    lengths = tuple(k for k in SLIPS["size"] if k not in (100.0, 0.01))
     return (
         Cause({MATERIAL: -2 / 3}, of_masses, SLIPS["mass"], only_usual=True, setting="loads"),
-        Cause({MATERIAL: 1 / 3}, of_radius, radii, only_usual=True, setting="sphere.radius"),
-        Cause({MATERIAL: 1.0}, judgements.wrong_lengths(length), _LENGTHS, only_usual=True, file=settings.laser),
+        Cause({MATERIAL: 1 / 3}, of_radius, lengths, only_usual=True, setting="sphere.radius"),
+        Cause({MATERIAL: 1.0}, judgements.wrong_lengths(length), lengths, only_usual=True, file=settings.laser),
         Cause({MATERIAL: 1.0}, of_material, setting="sphere"),
     )

@@ -8,8 +8,9 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
+from labpipe.signals import nrmse
 from labpipe.variables import variable, with_u
-from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row, with_its_u
+from pipelines.experiments.shared.comparison_rows import Row, curve_row, curve_table, row, split, with_its_u
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -17,8 +18,6 @@ from pipelines.experiments.static_loading.settings import StaticLoading
 SCALE, MODULUS, LOADS = "scale of length (gain and inclination)", "modulus", "loads"
 """Inputs of the rows, relative: the laser's gain and inclination together, the material as a whole, all masses."""
 TOUCH, DRIFT = "first touch", "drift of the zero"
-_STRETCHES = 3  # of each load
-_FEWEST = 10  # readings of a stretch
 
 
 def comparison(
@@ -28,13 +27,11 @@ def comparison(
     time, ours, theirs = approach["time"].values, approach["contact_radius"].values, model["contact_radius"].values
     kept = approach["is_settled"].values.astype(bool)
     elastic = model["hertz_radius_relaxed"].values[_held(steps, time)]
-    table: dict[str, Any] = {}
-    for other, curve in (("model", theirs), ("hertz", elastic)):
-        # of the model: a measurement with a wrong scale must not hide in its own range
-        rms = float(np.sqrt(np.mean((ours - curve)[kept] ** 2)) / np.ptp(curve[kept]))
-        table[f"nrmse_contact_radius_{other}"] = variable((), rms, "1", f"rms error over the range of {other}")
-    bias = float(np.mean((ours - theirs)[kept]))
-    table["bias_contact_radius_model"] = variable((), bias, "m", "mean of contact radius, measured minus model")
+    rms, of_hertz = (nrmse(ours[kept], curve[kept]) for curve in (theirs, elastic))
+    curve = _along(displacement, approach, steps, model, settings), rms, float(np.mean((ours - theirs)[kept]))
+    table = curve_table((), [curve], "m")
+    for other, error in (("model", rms), ("hertz", of_hertz)):
+        table[f"nrmse_contact_radius_{other}"] = variable((), error, "1", f"rms error over the range of {other}")
 
     first, last = zip(*(windows(time, span, settings) for span in spans(steps)), strict=True)
     curves = [theirs, model["u_contact_radius"].values, model["approach"].values, time]
@@ -53,7 +50,6 @@ def comparison(
     of_solid = -simulated * np.reshape(stretch_means(model["slope"].values, last), (-1, simulated.size))
     names, values = [*slopes, *inputs_of(model)], np.array([*slopes.values(), *of_solid])
     table["slope"] = variable(("uncertain", "load"), values, "1", f"change with an input, SI: {text}")
-    table |= curve_table((), [_along(displacement, approach, steps, model, settings)])
     coordinates = {"time": approach["time"], "load": steps["load"], "uncertain": names}
     return xr.Dataset(table, coordinates, {"reference": model.attrs["reference"]})
 
@@ -86,10 +82,7 @@ def _along(
     places = []
     for first, last in spans(steps):
         inside = np.flatnonzero(kept & (time > first) & (time < last))
-        count = min(_STRETCHES, inside.size // _FEWEST)
-        if count:
-            at = first + np.geomspace(time[inside[0]] - first, last - first, count + 1)[1:-1]
-            places += np.split(inside, np.searchsorted(time[inside], at))
+        places += split(time, inside, float(time[inside[:1]].sum()), last, first)
     if not places:
         return None
     means, own = stretches(ours - theirs, places)
@@ -109,9 +102,7 @@ def _along(
 
 def rows(comparison: xr.Dataset, approach: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
-    n, nrmse = int(comparison["time"].size), comparison["nrmse_contact_radius_model"]
-    bias = comparison["bias_contact_radius_model"]
-    yield row("contact radius", "m", n, nrmse=nrmse, difference=bias, **of_curve(comparison))
+    yield curve_row("contact radius", "m", int(comparison["time"].size), comparison)
     for i, load in enumerate(settings.loads):
         yield row(
             "contact radius",
@@ -121,5 +112,5 @@ def rows(comparison: xr.Dataset, approach: xr.Dataset, *, settings: StaticLoadin
             slopes=dict(zip(comparison["uncertain"].values.tolist(), comparison["slope"].values[:, i], strict=True)),
             measured=with_its_u(approach, "level_contact_radius", i),
             model=with_its_u(comparison, "radius_model", i),
-            difference=with_its_u(comparison, "radius_difference", i),
+            u_difference=comparison["u_radius_difference"][i],
         )

@@ -3,32 +3,20 @@
 from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
 from pipelines.experiments.static_loading.settings import StaticLoading
 
+_MOVED, _STEPPED = "sensor measured_on loads steps.window", "loads sphere.radius steps model.gravity"
+_SIMULATED = "sphere counter_body model"
+
 _STAGES = (
     stage("static_loading.measured:readings", "file:laser", "keyence exclude", "read the laser export"),
-    stage(
-        "static_loading.measured:displacement",
-        "readings file:calibration",
-        "sensor measured_on loads steps.window",
-        "correct the inclination, with uncertainty",
-    ),
-    stage(
-        "static_loading.measured:steps",
-        "displacement",
-        "loads sphere.radius steps model.gravity",
-        "find load times and first touch; creep compliance",
-    ),
+    stage("static_loading.measured:displacement", "readings file:calibration", _MOVED, "correct the inclination"),
+    stage("static_loading.measured:steps", "displacement", _STEPPED, "find load times and first touch; compliance"),
     stage(
         "static_loading.measured:approach",
         "displacement steps",
         "sphere.radius steps",
         "approach, contact radius and creep under each load",
     ),
-    stage(
-        "static_loading.model:model",
-        f"displacement steps {solid_of('sphere')}",
-        "sphere counter_body model",
-        "simulate the creeping contact; Hertz's steps",
-    ),
+    stage("static_loading.model:model", f"displacement steps {solid_of('sphere')}", _SIMULATED, "simulate the creep"),
     stage(
         "static_loading.comparison:comparison",
         "displacement approach steps model",

@@ -39,10 +39,9 @@ from pipelines.experiments.static_loading.settings import StaticLoading
 _TERMS_PER_DECADE = 2  # of the creep compliance that is fitted
 SIDE = 4
 """Readings on either side of a step."""
+POINTS = 80
+"""Points of a curve of creep, evenly in the logarithm of time."""
 _CLEAR = 5.0  # standard deviations by which a step must stand out
-_MORE = 0.1  # of the largest step, above which another one counts
-_ELAPSED = 60  # points of the compliance curve
-_TOLERANCE = 1e-5  # of the record's range, to which first touch is searched
 
 
 def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
@@ -85,7 +84,7 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
         },
         coords={"load": np.arange(1, starts.size + 1)},
     )
-    used, radius, noise = settled(time, result, settings), settings.sphere.radius.value, _noise(moved)
+    used, radius, noise = settled(time, result, settings), settings.sphere.radius.value, estimate_noise(moved).sigma
     elapsed, rows = time[used], moved[used]
     design, tau = creep_design(elapsed, result, radius)
     touch = best_touch(rows, design)
@@ -98,7 +97,7 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     slopes = design[:, weights > 0] / (1.5 * np.sqrt(np.maximum(rows - touch, 1e-9)))[:, None]
     slopes = np.column_stack([np.ones(rows.size), slopes / np.abs(slopes).max(axis=0)])
     u = hypot(max(noise, scatter) * float(np.linalg.norm(np.linalg.pinv(slopes)[0])), by_loads)
-    lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)
+    lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), POINTS)
     terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
     found: dict[str, Any] = {
         "touch_part_of_loads": variable((), by_loads, "m", "part of its uncertainty that comes from the loads"),
@@ -118,12 +117,7 @@ def valid(displacement: xr.Dataset) -> tuple[Floats, Floats]:
     return displacement["time"].values[usable], displacement["displacement"].values[usable]
 
 
-def _noise(moved: Floats) -> float:
-    found = estimate_noise(moved)
-    return float(max(found.sigma, found.step / np.sqrt(12)))
-
-
-def clear_steps(displacement: xr.Dataset, least: float = _MORE) -> tuple[Floats, Floats]:
+def clear_steps(displacement: xr.Dataset, least: float = 0.1) -> tuple[Floats, Floats]:
     """Return time [s] and size [m] of all steps downwards that stand out of the noise, whatever loads are stated.
 
     Steps smaller than ``least`` of the largest are left out.
@@ -131,7 +125,7 @@ def clear_steps(displacement: xr.Dataset, least: float = _MORE) -> tuple[Floats,
     time, moved = valid(displacement)
     level = np.median(np.lib.stride_tricks.sliding_window_view(moved, SIDE), axis=1)
     jump = level[SIDE:] - level[:-SIDE]
-    tops, _ = find_peaks(jump, height=_CLEAR * _noise(moved), distance=2 * SIDE + 1)
+    tops, _ = find_peaks(jump, height=_CLEAR * estimate_noise(moved).sigma, distance=2 * SIDE + 1)
     tops = tops[jump[tops] >= least * jump[tops].max(initial=0.0)]
     # between the two readings that differ most
     at = np.array([top + 1 + np.argmax(np.diff(moved[top + 1 : top + 2 * SIDE - 1])) for top in tops], int)
@@ -205,9 +199,8 @@ def creep_fit(rows: Floats, design: Floats, touch: float) -> tuple[Floats, float
 def best_touch(rows: Floats, design: Floats) -> float:
     """Return the displacement at first touch of least misfit."""
     high, extent = float(rows.min()), float(np.ptp(rows))
-    options, ends = {"xatol": _TOLERANCE * extent}, (high - extent, high)
-    found = minimize_scalar(lambda t: creep_fit(rows, design, t)[1], bounds=ends, method="bounded", options=options)
-    return float(found.x)
+    found = minimize_scalar(lambda part: creep_fit(rows, design, high - part * extent)[1], bounds=(0.0, 1.0))
+    return high - float(found.x) * extent
 
 
 def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:

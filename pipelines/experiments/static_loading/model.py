@@ -17,11 +17,8 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
-from pipelines.experiments.static_loading.measured import spans, valid
+from pipelines.experiments.static_loading.measured import POINTS, spans, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
-
-_STEP_POINTS = 80  # of the simulation in one load step, evenly in the logarithm of time
-_FIRST = 0.5  # s under a load at which the simulation is first asked
 
 
 def model(
@@ -39,8 +36,9 @@ def model(
     solid = resolve(settings.sphere, file, fitted)
     radius, time = settings.sphere.radius, valid(displacement)[0]
     begin, force = (steps[name].values for name in ("begin", "force"))
-    inside = [at + np.append(0.0, np.geomspace(_FIRST, end - at, _STEP_POINTS)) for at, end in spans(steps)]
-    when, pushed, shape = np.concatenate(inside), np.repeat(force, _STEP_POINTS + 1), settings.model.profile
+    first = 0.1 * float(np.median(np.diff(time)))  # a load is put on between two readings
+    inside = [at + np.append(0.0, np.geomspace(first, end - at, POINTS)) for at, end in spans(steps)]
+    when, pushed, shape = np.concatenate(inside), np.repeat(force, POINTS + 1), settings.model.profile
     flat, share = counter_body_of(settings.counter_body), 1 - float(solid.nu) ** 2
     made = contact.load_sphere(solid, radius.value, when, pushed, profile=shape, substrate=flat)
 

@@ -1,7 +1,6 @@
 """Proposals of ``init``: slowly sampled laser exports are static loadings."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
@@ -11,17 +10,15 @@ from pipelines.experiments.shared.record_templates import laser_record
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for slow readings."""
-    for stem, files in proposals.grouped(names, proposals.without_repeat):
-        if proposals.is_slow(found.path(files[0])):
-            yield Proposed(stem, tuple(files), partial(_text, found, files))
+    slow = [name for name in names if proposals.is_slow(found.path(name))]
+    yield from proposals.of_groups(found, slow, proposals.without_repeat, _text)
 
 
 def _text(found: Found, files: Sequence[str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "static_loading"  # proposed because the readings are slow
 laser = "{proposals.quoted(files[0])}"
-calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, \
-with its uncertainty
+calibration = "{laser_record(found, files[0])}"  # inclination of the sensor, with its uncertainty
 
 [experiments.{name}.sphere]
 {proposals.SPHERE}

@@ -7,46 +7,30 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Time
-from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Recorded, Sensor, Table
+from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, File, Length, Mass, Time
+from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Recorded, Sensor, SphereModel, Table
 
 
 class Load(Table, frozen=True, kw_only=True):
-    """One load: the whole ``mass`` that rests on the disc, holder included.
-
-    ``time`` is when it was put on, counted from the record's first point; without it the record is
-    searched for the step.
-    """
+    """One load."""
 
     mass: Annotated[Mass, POSITIVE]  #: all that rests on the disc, holder included
-    time: Annotated[Time, NOT_NEGATIVE] | None = None  #: when it was put on, from the first point
+    time: Annotated[Time, NOT_NEGATIVE] | None = None  #: when it was put on, from the first point; else searched for
 
 
 class Ball(MaterialChoice, frozen=True, kw_only=True):
-    """The sphere; its material, and its radius."""
+    """The sphere."""
 
     radius: Annotated[Length, POSITIVE]  #: radius of the sphere
 
 
 class Steps(Table, frozen=True, kw_only=True):
-    """Which readings count.
+    """Which readings count."""
 
-    ``settle`` after a step is left out: a hand is near. Levels are means over ``window``.
-    ``search`` is how far the step may lie from the time that is given for it. ``drift`` is the
-    standard uncertainty by which the sensor's zero may wander over the whole record.
-    """
-
-    settle: Annotated[Time, NOT_NEGATIVE] = Quantity(10.0, 0.0, "s")
-    window: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
-    search: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
-    drift: Annotated[Length, NOT_NEGATIVE] = Quantity(0.0, 0.0, "m")
-
-
-class StaticModel(Table, frozen=True, kw_only=True):
-    """How the loading is simulated: the gap's shape, gravity at the place."""
-
-    profile: Literal["parabola", "sphere"] = "parabola"  #: shape of the gap
-    gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")  #: that of the place
+    settle: Annotated[Time, NOT_NEGATIVE] = Quantity(10.0, 0.0, "s")  #: left out after a step: a hand is near
+    window: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")  #: over which levels are means
+    search: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")  #: how far a step may be from the time given for it
+    drift: Annotated[Length, NOT_NEGATIVE] = Quantity(0.0, 0.0, "m")  #: u of the zero, which wanders over the record
 
 
 class StaticLoading(Recorded, frozen=True, kw_only=True):
@@ -66,7 +50,7 @@ class StaticLoading(Recorded, frozen=True, kw_only=True):
     keyence: Keyence = Keyence()  #: what the laser's file lacks
     sensor: Sensor = Sensor()  #: output and direction of the laser
     steps: Steps = Steps()  #: which readings count
-    model: StaticModel = StaticModel()  #: the simulation
+    model: SphereModel = SphereModel()  #: the simulation
 
     def __post_init__(self) -> None:
         """Refuse loads that fall, and times that run backwards."""

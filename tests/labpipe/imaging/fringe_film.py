@@ -33,6 +33,7 @@ class Scene:
     gamma: float = 1.0
     blur: float = 0.0
     coherence: float = np.inf
+    beams: float = 0.0  # what both faces reflect, where more than two beams interfere
     stretch: float = 0.0
     noise: float = 5.0
     shot_noise: float = 0.0
@@ -51,8 +52,31 @@ def gap_of_hertz(r: Floats, a: float, radius: float) -> Floats:
     return a * a / radius * (np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)) / np.pi
 
 
+def surface_gap(distance: Floats, radius: float, sphere: float, flat: float = 0.0) -> Floats:
+    """Gap (m) around a contact of a sphere that is worn flat, by the springs of dimensionality reduction.
+
+    They are pressed in by g(a) - g(x) up to a, with g(x) = x √(x² - f²) / R beyond the flat's radius f; the surface
+    at r is (2/π) ∫ u(r sin θ) dθ by Gauss–Legendre, in whose variable a square makes the profile's root at f smooth.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(48)
+    share, weight = 0.5 * (nodes + 1.0), 0.5 * weights
+
+    def profile(x: Floats) -> Floats:
+        return np.where(x > flat, x * np.sqrt(np.maximum(x**2 - flat**2, 0.0)) / sphere, 0.0)
+
+    depth = float(profile(np.array(radius)))
+    first, last = (np.arcsin(np.minimum(1.0, x / np.maximum(distance, 1e-12)))[:, None] for x in (flat, radius))
+    spring = depth - profile(distance[:, None] * np.sin(first + (last - first) * share**2))
+    surface = first[:, 0] * depth + (spring * 2.0 * share * weight).sum(axis=1) * (last - first)[:, 0]
+    body = np.maximum(distance**2 - flat**2, 0.0) / (2.0 * sphere)
+    return np.where(distance > radius, np.maximum(body - depth + 2.0 / np.pi * surface, 0.0), 0.0)
+
+
 def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:
-    """Relative intensity of a gap."""
+    """Relative intensity of a gap, by two beams or by many (Airy)."""
+    if scene.beams:
+        wave = np.exp(4j * np.pi * gap / scene.wavelength)
+        return 0.1 + 1.5 * scene.beams * np.abs(1.0 - wave) ** 2 / np.abs(1.0 - scene.beams * wave) ** 2
     envelope = np.exp(-((gap / scene.coherence) ** 2))
     return 1.0 + scene.visibility * envelope * np.cos(4.0 * np.pi * gap / scene.wavelength + scene.phase)
 

@@ -1,5 +1,6 @@
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,7 +50,9 @@ def check_ideal(scene: Scene, micrometres: int, count: int, centre: tuple[float,
     a = micrometres * UM
     found = measure(still_film(scene, a, count, centre, samples=5), scene)
     error = found.radius.values - a
-    bound = cramer_rao(Ideal(scene.rows, scene.columns, a, centre), 3.0) * UM
+    place = centre[0] - 0.5 * (scene.columns - 1), centre[1] - 0.5 * (scene.rows - 1)
+    ideal = replace(Ideal().camera, rows=scene.rows, columns=scene.columns, centre=place)
+    bound = cramer_rao(Ideal(ideal, a), 3.0) * UM
     scatter, told = error.std(ddof=1), found.u_radius.values.mean()
     by_chance = 1.0 / np.sqrt(2.0 * count)
     assert (found.method == 1).all()

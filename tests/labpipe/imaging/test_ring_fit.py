@@ -15,8 +15,7 @@ from labpipe.imaging.fringes._ring_fit import (
     tabulate,
 )
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, Optics, make_optics, ring_limits
-from pipelines.bench.contact_radius import surface_gap
-from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, exposed_image
+from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, exposed_image, surface_gap
 
 SCENE = Scene(rows=240, columns=320)
 PIXEL = SCENE.pixel_size

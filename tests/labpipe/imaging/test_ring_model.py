@@ -13,8 +13,7 @@ from labpipe.imaging.fringes._ring_model import (
     phase_of_gap,
     ring_limits,
 )
-from pipelines.bench.contact_radius import surface_gap
-from tests.labpipe.imaging.fringe_film import gap_of_hertz
+from tests.labpipe.imaging.fringe_film import gap_of_hertz, surface_gap
 
 PIXEL, SPHERE, WAVELENGTH = 2.17e-6, 9.525e-3, 633e-9
 OPTICS = make_optics(PIXEL, SPHERE, WAVELENGTH)

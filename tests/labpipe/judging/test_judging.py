@@ -8,6 +8,7 @@ from scipy import stats
 from labpipe.errors import InputError
 from labpipe.judging import (
     Cause,
+    Check,
     agreement,
     bounded,
     compared,
@@ -18,7 +19,6 @@ from labpipe.judging import (
     judge,
     model_verdict,
     not_made,
-    stated,
     to_json,
 )
 
@@ -109,8 +109,8 @@ def test_a_check_of_five_recordings_is_one_row_with_its_worst_margin():
 
 
 def test_a_doubtful_reading_comes_before_the_step_that_failed_for_it_and_gives_its_cause():
-    step = stated("step bounces", "no flights", "impossible", cause="any cause", file="a.csv", is_generic=True)
-    clipped = stated("clipped", "flat", "doubtful", cause="out of range", file="a.csv", recording="a.csv")
+    step = Check("step bounces", "no flights", "impossible", cause="any cause", file="a.csv", is_generic=True)
+    clipped = Check("clipped", "flat", "doubtful", cause="out of range", file="a.csv", recording="a.csv")
     other = replace(clipped, cause="another", file="b.csv", recording="b.csv")
     judged = judge([step, other, clipped])
     assert [f.cause for f in judged.findings] == ["another", "out of range", "out of range"]
@@ -126,7 +126,7 @@ def test_a_finding_names_its_file_and_line_and_without_checks_nothing_is_known()
 
 
 def test_judgements_survive_json():
-    judged = judge([*drop_checks(scale=10.0), stated("bytes", "twice", "note")], CAUSES)
+    judged = judge([*drop_checks(scale=10.0), Check("bytes", "twice", "note")], CAUSES)
     again = from_json(to_json(judged))
     assert again.findings == judged.findings
     assert again.causes == judged.causes

@@ -51,7 +51,7 @@ class Truth:
 
 @pytest.fixture(scope="session")
 def maxwell_truth():
-    return Truth(60.0, MAXWELL.modulus, MAXWELL.shift)
+    return Truth(60.0, lambda omega: MAXWELL.at().modulus(omega / (2 * np.pi)), MAXWELL.log10_aT)
 
 
 @pytest.fixture(scope="session")
@@ -65,4 +65,4 @@ def melt_truth():
         z = 1j * omega[..., None] * rho
         return (z / (1 + z)) @ weight
 
-    return Truth(60.0, modulus, MAXWELL.shift)
+    return Truth(60.0, modulus, MAXWELL.log10_aT)

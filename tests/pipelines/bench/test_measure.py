@@ -1,11 +1,9 @@
 """Timing in turn, and what a point may be."""
 
-from collections.abc import Mapping
-
 import pytest
 
 from labpipe.errors import InputError
-from pipelines.bench.measure import OURS, THESIS, Extra, Timing, paired, race
+from pipelines.bench.measure import OURS, THESIS, Extra, paired, race
 
 
 def test_contenders_run_in_turn_after_one_cold_run_each() -> None:
@@ -21,19 +19,11 @@ def test_contenders_run_in_turn_after_one_cold_run_each() -> None:
 
 
 def test_a_race_makes_a_point_of_every_contender() -> None:
-    def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        assert set(timings) == {"exact", "coarse"}
-        return abs(float(str(timings[name].value)) - 3.0), {"letters": len(name)}
+    def judge(name: str, value: int) -> tuple[float, Extra]:
+        return abs(value - 3.0), {"letters": len(name)}
 
     calls = {"exact": (OURS, lambda: 3), "coarse": (THESIS, lambda: 2)}
     exact, coarse = race(calls, 3, judge, "exact", per=10.0)
     assert (exact.setting, exact.error, exact.group, exact.is_default) == ("exact", 0.0, OURS, True)
     assert (coarse.error, coarse.group, coarse.is_default, coarse.extra) == (1.0, THESIS, False, {"letters": 6})
     assert exact.seconds == sorted(exact.samples)[1] / 10.0
-
-
-def test_ratios_are_taken_run_by_run() -> None:
-    # a slow spell in the second round: ratio of medians 1, ratios of the runs all 2
-    ours = Timing(4.0, 0.0, (2.0, 8.0, 4.0), None)
-    theirs = Timing(2.0, 0.0, (1.0, 4.0, 2.0), None)
-    assert ours.ratio(theirs) == (2.0, 2.0, 2.0)

@@ -18,16 +18,12 @@ from labpipe.identification import Bounces, moduli
 from labpipe.units import Quantity
 from pipelines.cli import main
 from pipelines.experiments import KINDS
-from pipelines.experiments.shared.drop_evidence import of_drop
-from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
+from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS, of_drop
 from pipelines.experiments.shared.settings import Plate
 from pipelines.identify import identify_materials, material_name
 from pipelines.identify._page import SHAPE
-from pipelines.rig.indentation_session import relaxation_section
-from pipelines.rig.indentations import Specimen
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.samples import session_head
-from pipelines.rig.session_text import cell_record
+from pipelines.rig.indentations import TESTER, Relaxation, Specimen, relaxation_section, write_relaxation
+from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import derive, opened, plan
 
 DROP = KINDS["ball_drop"].evidence

@@ -1,5 +1,6 @@
 """The virtual cameras: what they draw agrees with the truth they hand out."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 
 import instruments
 from labpipe import imaging
-from pipelines.rig.fall import Body
-from pipelines.rig.film_front import FrontCamera, write_front_film
-from pipelines.rig.film_under import UnderCamera, surface_matrix, write_under_film
+from pipelines.rig.drops import Body
+from pipelines.rig.film_front import FrontCamera, write_front
+from pipelines.rig.film_under import UnderCamera, surface_matrix, write_under
 from pipelines.rig.reference_drop import reference_drop
 from pipelines.rig.solids import Viscoelastic
 from tests.labpipe.imaging.fringe_film import gap_of_hertz
@@ -35,8 +36,8 @@ def test_the_gap_of_an_elastic_contact_is_that_of_hertz(time: float) -> None:
 
 def test_the_front_film_shows_the_motion_that_its_truth_tells(tmp_path: Path) -> None:
     camera = FrontCamera(rows=96, columns=64, frame_rate=1000, duration=0.024, release=0.004, pixel_size=1e-4)
-    truth = write_front_film(tmp_path / "f.cine", drop(0.03), 1.5e-3, camera, 5)
-    film = instruments.read(tmp_path / "f.cine")
+    film = instruments.read(tmp_path / write_front(tmp_path, "ptfe", 1.5e-3, camera, 5))
+    truth = json.loads((tmp_path / "truth/ptfe_front.json").read_text("utf-8"))
     x, y = truth["pivot"]
     found = imaging.track(film, [(x, y)], subset=31, static_frames=4)
     expected = np.array(truth["dy"]) - np.mean(truth["dy"][:4])
@@ -49,8 +50,8 @@ def test_a_film_shows_the_fringes_of_a_whole_sphere(tmp_path: Path) -> None:
     """Held 3 µm over the disc; a paraboloid is a third of a fringe off at the image's ends."""
     camera = UnderCamera(rows=4, columns=416, vignette=0.0, tilt=0.0, blur=0.0, noise=0.0, samples=16, moments=1)
     body = Body(Viscoelastic((), 3.2e9, 0.35), 3e-6, radius=R)
-    write_under_film(tmp_path / "held.cine", body, camera, np.array([0.0, 2.2e-3]), 4)
-    seen = np.asarray(instruments.read(tmp_path / "held.cine")[0], dtype=float)
+    name = write_under(tmp_path, "held", body, camera, np.array([0.0, 2.2e-3]), 4)
+    seen = np.asarray(instruments.read(tmp_path / name)[0], dtype=float)
     x0, y0 = (0.5 * (n - 1) + d for n, d in zip((camera.columns, camera.rows), camera.centre, strict=True))
     fine = (np.arange(16) + 0.5) / 16 - 0.5
     x, y = np.arange(camera.columns)[:, None] + fine - x0, np.arange(camera.rows)[:, None] + fine - y0

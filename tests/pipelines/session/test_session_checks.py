@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from labpipe import files
-from pipelines.rig.samples import drop_section, laser_record, session_head
+from pipelines.rig.session_text import drop_section, laser_record, session_head
 from pipelines.session import open_session
 from pipelines.session._session_checks import session_findings, stated_as_exact, unusual_values
 

@@ -16,9 +16,9 @@ import labpipe as lp
 from labpipe import files, materials
 from labpipe.errors import InputError
 from pipelines.commands.results import trend as command
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.samples import STATED_FLOOR
+from pipelines.rig.session_text import drop_section, laser_record, session_head
 from pipelines.session._trend import control_charts
 
 MONTHS = 10

@@ -10,6 +10,7 @@ import xarray as xr
 
 from labpipe.judging import DIFFERS, LIKELY, Check, Finding, Judgement, from_json, in_words
 from labpipe.report import Block, Column, Details, Notice, Paragraph, Table, difference_unit, quantity, shown_source
+from labpipe.units import ZERO_CELSIUS
 from labpipe.workflow.document import counted
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments.shared.comparison_rows import Row, told_freedom
@@ -94,8 +95,13 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         return "warning", f"{text} {capitalised(stopped.cause)}."
     shown = ""
     if known:
+        row = max(known, key=lambda row: abs(row.deviation or 0.0))
         which = f"The largest of {len(known)} deviations" if len(known) > 1 else "The deviation"
-        shown = f" {which}: {_compared(max(known, key=lambda row: abs(row.deviation or 0.0)), known)}."
+        where = ", ".join(filter(None, (row.material, row.condition)))
+        where = f" ({where})" * (bool(where) and sum(other.quantity == row.quantity for other in known) > 1)
+        measured, expected, _ = row.texts
+        size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"
+        shown = f" {which}: {row.quantity}{where}: {measured} measured, {expected} expected (difference {size})."
     believable = "The record is believable" if judged.n_made else "Whether the record is believable is not known"
     if model == "agrees":
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
@@ -112,14 +118,6 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         reason, shown = (told[0], "") if told else (reason, shown)
         return "info", f"{believable}; whether the {by} agrees is undecided; {checks}.{shown} {capitalised(reason)}."
     return "ok" if judged.n_made else "info", f"{believable}: {checks}. There is no model to compare with."
-
-
-def _compared(row: Row, among: Sequence[Row]) -> str:
-    seen, expected, _ = row.texts
-    where = ", ".join(filter(None, (row.material, row.condition)))
-    which = f" ({where})" * (bool(where) and sum(other.quantity == row.quantity for other in among) > 1)
-    size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"
-    return f"{row.quantity}{which}: {seen} measured, {expected} expected (difference {size})"
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
@@ -185,7 +183,7 @@ def noticed(result: xr.Dataset) -> str:
     for relative, error, name, unit in sorted(zip(*values, units, strict=True), key=lambda one: (isnan(one[0]), one)):
         # an input that is 0, such as a position, has no share, nor has a temperature in °C
         size = quantity(error, of_error(unit)) if isnan(relative) else f"{in_words(100 * relative, 2)} %"
-        is_possible = error < 273.15 if unit == "degC" else not relative >= 1.0  # K to the absolute zero
+        is_possible = error < ZERO_CELSIUS if unit == "degC" else not relative >= 1.0  # K to the absolute zero
         if isfinite(error) and is_possible:
             shown.append(f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}")
         else:

@@ -2,42 +2,50 @@
 
 from collections.abc import Mapping, Sequence, Set
 from math import exp, inf, isclose, log
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from labpipe.arrays import Floats
-from labpipe.judging import DOUBTFUL, IMPOSSIBLE, SLIPS, Judgement, agreement, fitted_errors, in_words, model_verdict
+from labpipe.judging import (
+    DOUBTFUL,
+    IMPOSSIBLE,
+    LIKELY,
+    SLIPS,
+    Judgement,
+    agreement,
+    fitted_errors,
+    in_words,
+    model_verdict,
+)
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import TIED, of_error
-from pipelines.experiments.shared.judgements._scene import Scene
 from pipelines.experiments.shared.material_choice import is_unstated
 
-_LINEAR, _FAR = 0.3, 20.0
-"""Part of an input's value, or times its u, beyond which its effect is no longer known by its slope."""
+if TYPE_CHECKING:
+    from pipelines.experiments.shared.judgements._stage import Scene
+
 _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
     "the model leaves something out"
 )
+_LINEAR, _BENT = 0.3, 0.1
+"""Part of an input's value beyond which its effect is not known by its slope, and by which powers fail over a factor"""
 _NO_GRADE = 5.0
 """Factor beyond those between moduli of two grades of one polymer, and over which effects keep their power law."""
-_MODULUS = "modulus"
-"""Input of a material: its u is 0 where it is known by its name alone."""
-_MOST, _MUCH, _SOME = 0.8, 0.5, 0.2
-"""Shares of a difference that another material, an input alone, and one of several inputs must explain to be named."""
+_MOST = 0.8
+"""Share of a difference that another material or one input alone must explain to be named; of several, the rest."""
+_MODULUS, _COUNT = "modulus", "number of "
+"""Input of a material, whose u is 0 where it is known by its name, and begin of the name of one that is counted."""
+_MOST_COUNTED = 20
 _NO_SLIP = ("1", "degC", "K")  # units of inputs that have no usual factor
 _SLIPS_OF = {"kg": "mass", "m": "size"}  # which factors are usual, by the unit of an input
-_BENT = 0.1  # relative, by which effects over such a factor leave a power law
-_COUNT, _MOST_COUNTED = "number of ", 20
-"""Begin of the name of an input that is counted, and the largest number that is tried for it."""
-_SUSPECTS = 2  # inputs that are named where the model differs
-_CLOSE = 6.0
+_CLOSE = float(chdtri(2, LIKELY))
 """Difference of chi square within which two explanations cannot be distinguished."""
-_LEAST_OWN = 0.05
-"""Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
 
 
 class Compared(NamedTuple):
@@ -54,20 +62,21 @@ class Compared(NamedTuple):
     slack: Floats
 
     @classmethod
-    def of(cls, scene: Scene) -> "Compared":
-        """Take the rows of a scene whose differences have uncertainties, shared by inputs or their own."""
+    def of(cls, scene: "Scene", own_part: float = 0.05) -> "Compared":
+        """Take the rows of a scene whose differences have uncertainties, shared by inputs or their own.
+
+        At least a part of each is its own, not shared with other rows: slopes are no better.
+        """
         rows = [row for row in scene.rows if row.deviation is not None]
         named, known = {name for row in rows for name in row.slopes}, {**scene.inputs, **scene.shared}
         # what nobody states, such as a change of a rheometer's spectrum, could not have been stated wrongly
         names = sorted(name for name in named & set(scene.inputs) if not is_unstated(name))
         every = [*names, *sorted(named & set(known) - set(names))]
-        slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows]).reshape(
-            len(rows), len(every)
-        )
+        slopes = np.reshape([[r.slopes.get(name, 0.0) for name in every] for r in rows], (len(rows), len(every)))
         parts = slopes * np.array([known[name].u for name in every])
         shared, total = parts @ parts.T, np.array([row.u_difference or 0.0 for row in rows]) ** 2
         own = np.maximum(total - np.diagonal(shared), 0.0)
-        least = np.maximum(own, _LEAST_OWN**2 * total)
+        least = np.maximum(own, own_part**2 * total)
         return cls(rows, names, slopes[:, : len(names)], shared + np.diag(least), least - own)
 
     @property
@@ -116,7 +125,8 @@ class _Error(NamedTuple):
         """Whether its effect is still known by its slope, and a count is wrong by one at least."""
         if self.name.startswith(_COUNT) and abs(self.size) < 0.5:
             return False
-        return not self.given.value or abs(self.size) <= max(_LINEAR * abs(self.given.value), _FAR * self.given.u)
+        reach = max(_LINEAR * abs(self.given.value), 2 * IMPOSSIBLE * self.given.u)
+        return not self.given.value or abs(self.size) <= reach
 
     def sentence(self, alike: "Sequence[_Error]" = ()) -> str:
         """Say by how much the input would have to be stated wrongly; others that are ``alike`` explain as much."""
@@ -157,7 +167,7 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
     )
 
 
-def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[list[str], bool]:
+def explanations(scene: "Scene", judged: Judgement, compared: Compared, most: int = 2) -> tuple[list[str], bool]:
     """Explain why measurement and model differ, the likeliest explanation first; and return whether that is plausible.
 
     The one recording that differs where no input explains all, other materials, other temperatures and typing errors
@@ -175,42 +185,40 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared) -> tuple[l
     best = max(errors, key=lambda error: error.share)
     close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
     refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
-    near = [error for error in errors if error.share >= _SOME and error.is_near and error.name not in refuted]
+    near = [e for e in errors if e.share >= 1.0 - _MOST and e.is_near and e.name not in refuted]
     is_one_input = any(error.share >= _MOST and not error.is_excluded for error in near)
     told = ([] if is_one_input else _one_recording(compared)) + _alternatives(scene, compared, chi2)
-    told += [] if scene.unstated else _typed(scene, compared, {error.name for error in close}, refuted)
+    typed, about = _by_a_factor(scene, compared, {error.name for error in close}, refuted)
+    told += [] if scene.unstated else typed
     # of those that explain as much the likelier one takes less of its own uncertainty
     near.sort(key=lambda error: (error.is_excluded, error not in close, error.n_u))
     distant = [error.name for error in close if not error.is_near]
-    if not told and best.share > _MUCH and _MODULUS in distant and all(e.is_excluded for e in near):
+    if not told and best.share > 0.5 and _MODULUS in distant and all(e.is_excluded for e in near):
         others = " or ".join(name for name in distant if name != _MODULUS)
         told = [f"probably {scene.another_material}{f'; or {others} is stated wrongly' * bool(others)}"]
     is_plausible = bool(told) or any(not error.is_excluded for error in near)
-    if not told and not near:
-        told = _far(scene, compared, refuted)
+    told = told if told or near else about
     while near:
         first, *rest = near
         alike = [e for e in rest if abs(e.share - first.share) * chi2 < _CLOSE and e.is_excluded == first.is_excluded]
         told.append(first.sentence(alike))
         near = [error for error in rest if error not in alike]
-    return told[:_SUSPECTS] or [_UNEXPLAINED], is_plausible
+    return told[:most] or [_UNEXPLAINED], is_plausible
 
 
 def _one_recording(compared: Compared) -> list[str]:
     """Name the recording without which the model would not differ, where there are three or more."""
-    conditions = np.array([row.condition for row in compared.rows])
-    named = list(dict.fromkeys(conditions.tolist()))
-    if len(named) < 3:
-        return []
-    rest = [conditions != name for name in named]
-    found = [agreement(compared.differences[kept], compared.covariance[np.ix_(kept, kept)]) for kept in rest]
-    alone = [name for name, one in zip(named, found, strict=True) if model_verdict(one, could_notice=True) != "differs"]
-    if len(alone) != 1:
-        return []
-    return [f"only {alone[0]} differs: that recording is of another test, or its gain or zero is wrong"]
+    conditions, alone = np.array([row.condition for row in compared.rows]), list[str]()
+    named = dict.fromkeys(conditions.tolist())
+    for name in named if len(named) > 2 else ():
+        kept = conditions != name
+        found = agreement(compared.differences[kept], compared.covariance[np.ix_(kept, kept)])
+        alone += [name] if model_verdict(found, could_notice=True) != "differs" else []
+    said = "only {} differs: that recording is of another test, or its gain or zero is wrong"
+    return [said.format(name) for name in alone] if len(alone) == 1 else []
 
 
-def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
+def _alternatives(scene: "Scene", compared: Compared, chi2: float) -> list[str]:
     """Name the other material or temperature that explains most of a difference.
 
     After a temperature that its stated uncertainty excludes, a material that is in no library is named.
@@ -228,7 +236,7 @@ def _share(share: float) -> str:
     return f"that would explain {100 * share:.0f}{TIED}% of it"
 
 
-def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
+def _is_refuted(error: _Error, scene: "Scene", judged: Judgement) -> bool:
     """Return whether an error that explains the difference would have failed a check that passed."""
     name, given = error.name, error.given
     if not given.value or not abs(error.size) < abs(given.value):
@@ -241,69 +249,61 @@ def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
     return any(by > DOUBTFUL * check.u_log_ratio for by, check in moved)
 
 
-def _typed(scene: Scene, compared: Compared, close: Set[str], confirmed: Set[str]) -> list[str]:
-    """Name which stated value is probably another by a usual factor: a diameter for a radius, a decimal, a unit.
+def _by_a_factor(scene: "Scene", compared: Compared, close: Set[str], refuted: Set[str]) -> tuple[list[str], list[str]]:
+    """Name the stated value that is probably another by a usual factor, a diameter for a radius or a unit; or by any.
 
     Where an input that has no uncertainty, such as a modulus that nobody measured, would do the same, none is named but
     by a factor that no grade of a material makes; nor is a value that a check of the record has confirmed.
     """
     inputs, names = scene.inputs, compared.names
     ratio, powers, covariance = compared.in_logarithms(inputs)
-    if not ratio.size or np.sum(ratio**2 / np.diagonal(covariance)) < DOUBTFUL**2:
-        return []  # rows that differ together alone are off by no such factor
-    largest = dict(zip(names, np.abs(powers).max(axis=0), strict=True))
+    if not ratio.size:
+        return [], []
+    fitted = dict(zip(names, np.array(fitted_errors(ratio, powers, covariance)).T.tolist(), strict=True))
+    (name, (size, share)), *others = sorted(fitted.items(), key=lambda one: -one[1][1])
+    given, chi2 = inputs[name], agreement(ratio, covariance).chi2
+    is_alone = share >= _MOST and all((share - other) * chi2 > _CLOSE for _, (_, other) in others)
+    about = list[str]()
+    if is_alone and name not in refuted and given.si not in _NO_SLIP and abs(size) <= log(_NO_GRADE):
+        right = quantity(given.value / exp(size), given.si, 2)
+        said = f"{name} is probably about {right}, not {quantity(given.value, given.si)}; {_share(share)}"
+        about = [said + scene.place(name)]
+    if np.sum(ratio**2 / np.diagonal(covariance)) < DOUBTFUL**2:
+        return [], about  # rows that differ together alone are off by no such factor
     # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
     counts = {name for name in names if name.startswith(_COUNT)}
     typed = {name for name in names if inputs[name].value > 0.0 and inputs[name].si not in _NO_SLIP} | counts
     solid = {_MODULUS, STIFFNESS} if scene.measured_by else set()
     free = {name for name in names if not inputs[name].u} - typed - solid
-    best = dict(zip(names, fitted_errors(ratio, powers, covariance)[0].tolist(), strict=True))
     found: list[tuple[float, float, float, str]] = []  # score, size of its logarithm, share, name
-    for name in sorted(typed - confirmed):
+    for name in sorted(typed - refuted):
         factors = SLIPS[_SLIPS_OF.get(inputs[name].si, "value")]
         if name in counts:
             factors = tuple(inputs[name].value / n for n in range(1, _MOST_COUNTED + 1) if n != inputs[name].value)
         elif free:  # where another input may have any value, a check names what is out of all proportion
             factors = tuple(k for k in factors if abs(log(k)) <= log(10.0))
-        place = min(map(log, factors), key=lambda place: abs(place - best[name]))
-        if abs(place - best[name]) > 2.0 * _BENT * abs(place):
+        place = min(map(log, factors), key=lambda place: abs(place - fitted[name][0]))
+        if abs(place - fitted[name][0]) > 2.0 * _BENT * abs(place):
             continue
         shift = place * powers[:, names.index(name)]
         # effects leave their power law over such a factor, those of small powers by as much as others
-        bent = np.diag((_BENT * shift) ** 2 + (_BENT**2 * np.abs(shift).max()) ** 2)
-        before, left = (agreement(rest, covariance + bent).chi2 for rest in (ratio, ratio - shift))
+        bent = covariance + np.diag((_BENT * shift) ** 2 + (_BENT**2 * np.abs(shift).max()) ** 2)
+        before, left = (agreement(rest, bent).chi2 for rest in (ratio, ratio - shift))
         if left < (1.0 - _MOST) * before:
-            vague = float(np.linalg.slogdet(covariance + bent)[1])
-            found.append((left + vague, abs(place), 1.0 - left / before, name))
+            found.append((left + float(np.linalg.slogdet(bent)[1]), place, 1.0 - left / before, name))
     likely = [one for one in found if one[0] < min(found)[0] + _CLOSE]
-    least = min((size for _, size, *_ in likely), default=0.0)
-    likely = [one for one in likely if one[1] < 1.5 * least]
+    least = min((abs(size) for _, size, *_ in likely), default=0.0)
+    likely = [one for one in likely if abs(one[1]) < 1.5 * least]
     if len(likely) != 1:
-        return []
+        return [], about
     ((_, size, share, name),) = likely
-    factor = exp(size if best[name] > 0.0 else -size)
-    if free & close and largest[name] * size < largest.get(_MODULUS, inf) * log(_NO_GRADE):
-        return []
-    right, given = (
+    largest = dict(zip(names, np.abs(powers).max(axis=0), strict=True))
+    if free & close and largest[name] * abs(size) < largest.get(_MODULUS, inf) * log(_NO_GRADE):
+        return [], about
+    right, own = (
         f"{value:.0f}" if name in counts else quantity(value, inputs[name].si)
-        for value in (inputs[name].value / factor, inputs[name].value)
+        for value in (inputs[name].value / exp(size), inputs[name].value)
     )
-    why = ": its diameter was typed" if "radius" in name and isclose(factor, 2.0) else ""
-    said = [f"{name} is probably {right}, not {given}{why}; {_share(share)}{scene.place(name)}"]
-    return [*said, f"or {scene.another_material}"] if _MODULUS in names else said
-
-
-def _far(scene: Scene, compared: Compared, confirmed: Set[str]) -> list[str]:
-    """Name which stated value explains most of a difference by a factor that is no usual one."""
-    ratio, powers, covariance = compared.in_logarithms(scene.inputs)
-    if not ratio.size:
-        return []
-    fitted = zip(compared.names, *fitted_errors(ratio, powers, covariance), strict=True)
-    (name, size, share), *others = sorted(fitted, key=lambda one: -one[2])
-    chi2, given = agreement(ratio, covariance).chi2, scene.inputs[name]
-    is_alone = all((share - other) * chi2 > _CLOSE for _, _, other in others)
-    if share < _MOST or not is_alone or name in confirmed or given.si in _NO_SLIP or abs(size) > log(_NO_GRADE):
-        return []
-    right = quantity(given.value / exp(size), given.si, 2)
-    said = f"{name} is probably about {right}, not {quantity(given.value, given.si)}; {_share(share)}"
-    return [said + scene.place(name)]
+    why = ": its diameter was typed" if "radius" in name and isclose(size, log(2.0)) else ""
+    said = f"{name} is probably {right}, not {own}{why}; {_share(share)}{scene.place(name)}"
+    return [said, *([f"or {scene.another_material}"] if _MODULUS in names else [])], about

@@ -12,13 +12,14 @@ import xarray as xr
 
 from calibration.record import UNDATED
 from labpipe import errors
-from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_large
+from labpipe.judging import SLIPS, Cause, Check, Level, not_made, too_large
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.document import counted
 from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
+from pipelines.experiments.shared.judgements._scene import measured_by
 
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
@@ -43,6 +44,8 @@ _OF_RUN = (
 )
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
+BY_NAME, MEASURED = 0.5, 0.25
+"""Standard uncertainty of the logarithm of a modulus known by the solid's name, and of one measured on a specimen."""
 _ANOTHER_VIEW = 3.0
 """Factor in scale beyond which the record is of another view of the camera."""
 
@@ -56,7 +59,12 @@ def uncertainties_stated(settings: Any) -> Iterator[Check]:
             share = 1 / 3 if value.si == "m" else 1 / 2
             level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
-            yield stated(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
+            yield Check(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
+
+
+def u_modulus(material: Any) -> float:
+    """Return the relative standard uncertainty of the modulus of a solid as settings choose it."""
+    return MEASURED if measured_by(material) else BY_NAME
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
@@ -71,13 +79,13 @@ def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recor
         text = f"{file}: session.toml says measured_on = {told}, which is used; the file itself says {clock}"
         text += "" if is_valid else f", when {record} was not valid"
         cause = "measured_on is the day of another recording, or the clock of the instrument was set wrongly"
-        return stated(name, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
+        return Check(name, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
     if not checked.get("no_day"):
-        return stated(name, f"{record}: {said}", None)
+        return Check(name, f"{record}: {said}", None)
     cause = "the clock of the instrument was never set, or lost its battery"
     if checked["no_day"] == UNDATED:
         cause = "files of this form hold no day: state it as measured_on"
-    return stated(name, f"whether {record} was valid is {said}", "note", cause=cause, setting="measured_on")
+    return Check(name, f"whether {record} was valid is {said}", "note", cause=cause, setting="measured_on")
 
 
 def failed_steps(
@@ -131,7 +139,7 @@ def stated_wrongly(
     """
     relative = (given.u or usual_uncertainty(given)) / given.value if u is None else u
     say = times_over(name, given.value, given.si, f"{counted(setting)} in session.toml")
-    return Cause(effects, say, SLIPS[usual], u=relative, setting=setting)
+    return Cause(effects, say, SLIPS[usual], u=relative, is_stated=given.u > 0.0, setting=setting)
 
 
 def wrong_interval(effects: Mapping[str, float], file: str, readings: xr.Dataset, is_stated: bool) -> Cause:

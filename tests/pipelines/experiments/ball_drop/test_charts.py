@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pipelines.experiments.ball_drop.page import _apart, impact_views
+from pipelines.experiments.ball_drop.page import _apart
+from pipelines.experiments.shared.pages import impact_views
 
 
 def test_a_view_is_a_little_longer_than_its_contact_and_never_that_of_a_missing_touch() -> None:
-    touched, lasted = [0.0, 0.05, np.nan, 0.08], [0.002, np.nan, 0.002, 0.002]
-    repeats = xr.Dataset(
-        {"touch_time": ("impact", touched), "contact_duration": ("impact", lasted)},
-        coords={"time": np.linspace(-0.01, 0.09, 201), "impact": np.arange(1, 5)},
-    )
-    views = impact_views(repeats)
+    views = impact_views(np.array([0.0, 0.05, np.nan, 0.08]), np.array([0.002, np.nan, 0.002, 0.002]))
     assert [name for name, _, _ in views] == ["impact 1", "impact 2"]
-    assert views[0][1:] == pytest.approx((-0.6, 2.6))  # ms
-    assert views[1][1:] == pytest.approx((49.7, 51.3))  # 1 ms where no duration was found
+    assert views[0][1:] == pytest.approx((-0.6e-3, 2.6e-3))
+    assert views[1][1:] == pytest.approx((49.7e-3, 51.3e-3))  # 1 ms where no duration was found
 
 
 def test_an_outlier_says_in_which_quantity() -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from labpipe import contact, files, materials
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
+from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.samples import STATED_FLOOR
 from pipelines.rig.session_text import drop_section, laser_record, session_head
 from pipelines.session import process, result

@@ -9,8 +9,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.units import Quantity
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
+from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.plate import PLATE
 from pipelines.rig.session_text import drop_section, laser_record, session_head
 from pipelines.session import open_session, process, result

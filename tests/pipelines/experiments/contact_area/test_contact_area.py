@@ -12,12 +12,10 @@ from labpipe import files, materials
 from labpipe.errors import InputError
 from labpipe.uncertainty import linear_budget
 from pipelines.experiments.contact_area.measured import radius
-from pipelines.rig.fall import Body
-from pipelines.rig.film_session import UNDER_HEIGHT, Bursts, burst_times, under_section, write_under
-from pipelines.rig.film_under import UnderCamera
+from pipelines.rig.drops import Body
+from pipelines.rig.film_under import UNDER_HEIGHT, Bursts, UnderCamera, burst_times, under_section, write_under
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.samples import session_head
-from pipelines.rig.session_text import under_record
+from pipelines.rig.session_text import session_head, under_record
 from pipelines.session import open_session, process, result
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.budgets import quantities

@@ -8,8 +8,8 @@ import pytest
 import instruments
 from labpipe.imaging import contact_radius
 from pipelines.rig.campaign import SMALL
-from pipelines.rig.fall import Body
-from pipelines.rig.film_session import Bursts, burst_times, write_under
+from pipelines.rig.drops import Body
+from pipelines.rig.film_under import Bursts, burst_times, write_under
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.solids import specimen_of
 

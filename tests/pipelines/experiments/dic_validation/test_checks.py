@@ -178,14 +178,14 @@ def test_a_lens_that_is_refocused_is_doubtful(motion, laser):
     for name in ("stretch_x", "stretch_y"):
         track[name].values[240:] += 0.05
     told = finding(judged(motion, laser, track=track)[0], "size of the image")
-    assert (told.level, "grows by 5.0" in told.message, "focus" in told.cause) == ("doubtful", True, True)
+    assert (told.level, "jumps by +5.0" in told.message, "focus" in told.cause) == ("doubtful", True, True)
 
 
 def test_a_camera_that_is_knocked_is_doubtful_and_one_blurred_frame_is_no_other_view(motion, laser):
     track = tracked(motion.sizes["time"])
     track["dy"].values[240:] += 1.0
     told = finding(judged(motion, laser, track=track)[0], "place of the image")
-    assert (told.level, "jumps by 1 px" in told.message, "knocked" in told.cause) == ("doubtful", True, True)
+    assert (told.level, "jumps by +1 px" in told.message, "knocked" in told.cause) == ("doubtful", True, True)
     blurred = tracked(motion.sizes["time"])
     blurred["stretch_x"].values[240] += 0.05
     assert judged(motion, laser, track=blurred)[0].believable == "yes"

@@ -10,12 +10,9 @@ import pytest
 
 from labpipe import files
 from labpipe.uncertainty import linear_budget
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.film_front import FrontCamera
-from pipelines.rig.film_session import front_section, write_front
-from pipelines.rig.samples import drop_section, laser_record, session_head
-from pipelines.rig.session_text import front_record
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.film_front import FrontCamera, front_section, write_front
+from pipelines.rig.session_text import drop_section, front_record, laser_record, session_head
 from pipelines.rig.solids import specimen_of
 from pipelines.session import process, result
 from tests.labpipe.report.conftest import assert_fit_to_read

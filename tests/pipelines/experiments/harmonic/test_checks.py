@@ -13,8 +13,7 @@ from labpipe.workflow.context import Context
 from labpipe.workflow.results import Results
 from pipelines.experiments.harmonic import checks, measured
 from pipelines.experiments.shared import judgements, mach1_readings
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
-from pipelines.rig.relaxations import TESTER
+from pipelines.rig.indentations import TESTER, Harmonic, Specimen, write_harmonic
 from pipelines.session import opened
 
 START = datetime(2024, 5, 14, 9, 30)

@@ -15,9 +15,7 @@ from labpipe import contact, files, materials
 from labpipe.materials import Prony
 from pipelines.experiments.harmonic import comparison, measured as harmonic, model
 from pipelines.experiments.shared import punch_model
-from pipelines.rig.indentation_session import oscillation_section
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
-from pipelines.rig.relaxations import TESTER
+from pipelines.rig.indentations import TESTER, Harmonic, Specimen, oscillation_section, write_harmonic
 from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import open_session, process, result
 

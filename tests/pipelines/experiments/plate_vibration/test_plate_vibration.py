@@ -13,11 +13,10 @@ from labpipe import files, materials
 from labpipe.uncertainty import linear_budget
 from pipelines.experiments.plate_vibration.comparison import amplitudes
 from pipelines.rig.campaign import SMALL
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
+from pipelines.rig.dma import sweeps
+from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
-from pipelines.rig.session_text import plate_laser_record
+from pipelines.rig.session_text import drop_section, laser_record, plate_laser_record, session_head
 from pipelines.session import open_session, process, result
 from tests.pipelines.budgets import quantities
 from tests.pipelines.small import START, write_plate

@@ -15,13 +15,11 @@ from labpipe import files, materials
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity
-from pipelines.experiments.relaxation import comparison, measured as relaxation, model
+from pipelines.experiments.relaxation import comparison, measured as relaxation
 from pipelines.experiments.shared import mach1_readings, punch_model
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
-from pipelines.rig.indentation_session import relaxation_section
-from pipelines.rig.indentations import Specimen
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.indentations import TESTER, Relaxation, Specimen, relaxation_section, write_relaxation
 from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import open_session, process, result
 from tests.pipelines.budgets import quantities
@@ -122,7 +120,7 @@ def test_a_wrong_input_of_the_model_shows(
     punch = msgspec.structs.replace(chosen.punch, radius=Quantity(radius, 0.0, "m"))
     changed = msgspec.structs.replace(chosen, punch=punch)
     loads, ramps = (result(session, "nbr", stage, files_of(session)[0]) for stage in ("loads", "ramps"))
-    made = model.model(loads, ramps, None, None, settings=changed)
+    made = punch_model.model(loads, ramps, None, None, settings=changed)
     found = comparison.comparison(loads, ramps, made, settings=changed)
     assert float(found[f"nrmse_{part}"][0]) > least
 

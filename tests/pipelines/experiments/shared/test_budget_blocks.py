@@ -1,9 +1,6 @@
-from types import SimpleNamespace
-
 from labpipe.uncertainty import Input
 from pipelines.experiments.shared.budget_blocks import budgets
 from pipelines.experiments.shared.budget_quantity import Quantity
-from pipelines.experiments.shared.given import Given
 
 
 def total(mean: float, repeats: float) -> float:
@@ -12,7 +9,7 @@ def total(mean: float, repeats: float) -> float:
 
 def test_repeats_show_with_students_factor_and_both_ways_of_propagation() -> None:
     inputs = {"mean": Input(1.0, 0.0, "m"), "repeats": Input(0.0, 0.01, "m", 4)}
-    made = budgets(lambda: [Quantity("height", "m", total, inputs)])(Given(), SimpleNamespace(experiment="drop"))
+    made = budgets([Quantity("height", "m", total, inputs)], "drop")
     (row,) = made.blocks[0].rows
     assert row[0] == "height"
     assert abs(row[3] - 2.776) < 0.001  # Student's quantile of four degrees of freedom

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from labpipe.judging import Level, stated
+from labpipe.judging import Check, Level
 from labpipe.units import Quantity
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
@@ -109,7 +109,7 @@ def test_a_value_without_uncertainty_makes_a_model_undecided_where_half_its_last
 
 
 def _dma(level):
-    found = judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
+    found = judgement(Scene([Check("moduli", "the moduli are those of a metal", level)]))
     return found.assign_attrs(experiment="nylon_dma")
 
 
@@ -164,7 +164,7 @@ def test_each_experiment_that_a_kind_takes_results_from_is_part_of_its_judgement
     ],
 )
 def test_beside_a_record_that_is_not_believed_little_agrees(level: Level, p: float, said: str) -> None:
-    scale = stated("scale", "lengths come out too large.", level)
+    scale = Check("scale", "lengths come out too large.", level)
     curve = row("displacement", "m", 100, difference=1e-4, nrmse=0.1, p_of_curve=p)
     rows = [*_rows(temperature=0.2), curve]
     told = sentence(judgement(Scene([scale], rows=_rows(temperature=0.2), inputs=INPUTS)), rows)[1]
@@ -173,12 +173,12 @@ def test_beside_a_record_that_is_not_believed_little_agrees(level: Level, p: flo
 
 
 def test_a_model_agrees_by_no_value_that_is_doubtful_itself() -> None:
-    height = stated("height", "5 km", "doubtful", setting="height")
+    height = Check("height", "5 km", "doubtful", setting="height")
     found = judgement(Scene([height], rows=_rows(temperature=0.2), inputs=INPUTS))
     assert found.attrs["model"] == "undecided"
     assert "height, which the model takes, is doubtful itself" in json.loads(found.attrs["suspects"])
     # though nothing that was compared goes with it
-    mass = stated("mass", "505 kg", "doubtful", setting="sphere.mass")
+    mass = Check("mass", "505 kg", "doubtful", setting="sphere.mass")
     found = judgement(Scene([mass], rows=_rows(temperature=0.2), inputs=INPUTS | {"mass": Quantity(505.0, 0.5, "kg")}))
     assert found.attrs["model"] == "undecided"
 

@@ -13,9 +13,8 @@ from labpipe import materials
 from labpipe.materials import Prony
 from pipelines.experiments.shared import mach1_readings
 from pipelines.rig import indentations
-from pipelines.rig.indentations import Part, Specimen
+from pipelines.rig.indentations import TESTER, Part, Specimen
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, approach, record
-from pipelines.rig.relaxations import TESTER
 from tests.by_day import by_day
 
 TIMES = np.geomspace(1e-6, 1e4, 31)

@@ -71,7 +71,8 @@ def test_a_measured_delay_is_that_of_the_lag_with_its_own_uncertainty() -> None:
 def test_a_filtered_sinusoid_has_the_gain_and_lag_of_the_analogue_filter() -> None:
     frequency, interval = 2.0, 0.01
     time = np.arange(0, 6, interval)
-    passed = mach1_readings.filtered(np.sin(2 * np.pi * frequency * time), interval, {"order": 3.0, "cutoff": 20.0})
+    readings = {"block": ("sample", 0 * time), "sampling_interval": ("block_index", [interval])}
+    passed = mach1_readings.passed(cell(None).assign(readings), np.sin(2 * np.pi * frequency * time))
     numerator, denominator = butter(3, 2 * np.pi * 20.0, analog=True)
     _, response = freqs(numerator, denominator, [2 * np.pi * frequency])
     late = time > 3
