@@ -17,9 +17,8 @@ from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.document import counted
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
+from labpipe.workflow.fields import POSITIVE, REFERENCE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.judgements._scene import measured_by
 
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
@@ -48,6 +47,12 @@ BY_NAME, MEASURED = 0.5, 0.25
 """Standard uncertainty of the logarithm of a modulus known by the solid's name, and of one measured on a specimen."""
 _ANOTHER_VIEW = 3.0
 """Factor in scale beyond which the record is of another view of the camera."""
+
+
+def measured_by(material: Any) -> str:
+    """Return the experiment or file that knows a material as settings choose it; empty for one known by its name."""
+    chosen = getattr(material, "material_from", None) or getattr(material, "material_file", None)
+    return (chosen or "").removeprefix(REFERENCE)
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
