@@ -22,7 +22,10 @@ from pipelines.experiments.shared.judgements import Title, Titles
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
 _DIRECTION, _RESTITUTION = "direction of the fall", "coefficients of restitution"
 OF_FALL: Titles = {
-    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, _DIRECTION)),
+    "free fall": Title(
+        "Every flight is a parabola with the acceleration of gravity, and a body at rest does not move.",
+        (G, _DIRECTION, "course"),
+    ),
     "order of the bounces": Title(
         "0 < e < 1: every rebound is lower than the one before, unless the plate vibrates.", (_RESTITUTION,)
     ),
@@ -160,7 +163,7 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
         seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
         size = float(np.abs(values).min()) if is_pair else abs(centre)
         others = shown(float(np.median(np.delete(values, worst))), own, unit)
-        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}; allowed scatter {100 * ordinary:g} %"
+        text = f"{file}: {title} {shown(seen, own, unit)}, the other repeats {others}; allowed scatter {100 * ordinary:g} %"
         # of two nobody knows which is right, nor how much a body scatters
         said = f"either of the two files may be the one: {cause}" if is_pair else cause
         place: dict[str, Any] = {"allowance": ordinary * size, "factor": False, "file": file, "cause": said}
