@@ -37,7 +37,7 @@ _MOVED = "the body was touched or lifted, or another drop follows in the record"
 _GUIDE = 5e-3  # largest share of g that the friction of a guide or the drag of the air takes from a fall
 CLOCK = 1e-4
 """Relative uncertainty of a sampling interval or frame rate as manufacturers state it."""
-_SWING = 0.07
+SWING = 0.07
 """Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
 of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
 _LIGHTEST, _RIDER = 800.0, 1e4  # kg/m³ of the lightest solid polymer; times such a sphere's weight that may rest on it
@@ -101,7 +101,7 @@ def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> C
 def restitution(fall: Fall) -> Check:
     """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
     values, u, into = (fall.values(name) for name in ("restitution", "u_restitution", "incoming_speed"))
-    returned = np.nan_to_num(_SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
+    returned = np.nan_to_num(SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
     held = np.where(values > 1.0, np.maximum(values - returned, np.minimum(values, 1.0)), values)
     known = np.isfinite(values) & np.isfinite(u) & (u > 0)
     if not known.any():
