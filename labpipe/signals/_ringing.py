@@ -118,7 +118,7 @@ def blows(
     are evenly spaced; frequency [Hz] and ``longest_impact`` [s] as in :func:`ringing`.
     """
     interval, omega = float(np.median(np.diff(time))), 2 * np.pi * frequency
-    size, gap = int(round(1.0 / frequency / interval)), int(round(longest_impact / interval))
+    size, gap = round(1.0 / frequency / interval), round(longest_impact / interval)
     rate = omega * damping_ratio / np.sqrt(1.0 - damping_ratio**2)
     u = noise * float(np.sqrt(4.0 / max(size, 1)))
     if size < _ONSET_READINGS or signal.size <= 2 * size + gap:

@@ -77,6 +77,15 @@ def _mains(x: Floats) -> Floats:
     return np.sin(2 * np.pi * 50.0 * 50e-6 * np.arange(x.size))
 
 
+def _second_output(folder: Path) -> None:
+    """Put another head's output, constant but for noise, before that of the drop."""
+    lines = (folder / ALL[1]).read_text("utf-8").splitlines()
+    noise = np.random.default_rng(3).normal(0.5, 0.001, len(lines))
+    rows = [line.replace(",", f",{x:+08.4f},", 1) for line, x in zip(lines[HEAD:], noise, strict=False)]
+    head = [line.replace("Unit,mm", "Unit,mm,mm").replace("OUT1", "OUT1,OUT2") for line in lines[:HEAD]]
+    (folder / ALL[1]).write_text("\n".join([*head, *rows]) + "\n", "utf-8")
+
+
 def _bump(x: Floats) -> Floats:
     return x + 0.01 * np.exp(-0.5 * ((np.arange(x.size) - 1150) / 20) ** 2)
 
@@ -171,6 +180,7 @@ ROWS = (
     Mistake("last value held", cells(_held), "impossible", ("held",)),
     Mistake("clipped below", values(_clipped(0.03, None)), "impossible", _CLIPPED),
     Mistake("clipped above", values(_clipped(None, 0.9)), "impossible", _CLIPPED),
+    Mistake("drop in OUT2", _second_output, "impossible", ("out2 holds one from 1.47 mm",), ALL[1]),
     # where in time
     Mistake("pasted together", cells(lambda t: t + t), "impossible", ("120 ms",)),
     Mistake("cut, old count", cells(lambda t: t[:1300], FIRST, counted=False), "impossible", ("not copied whole",)),

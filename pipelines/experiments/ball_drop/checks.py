@@ -1,6 +1,9 @@
 """Checks of a ball drop: free fall, stated height, order of bounces, contact, levels, repeats, and the record."""
 
+import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -9,9 +12,11 @@ from math import acos, cos, degrees, sqrt
 import numpy as np
 import xarray as xr
 
+from labpipe import signals
 from labpipe.errors import TWO_CLOCKS, LabpipeError
 from labpipe.judging import SLIPS, Cause, Check, explain, in_words, not_made, too_large, with_causes
 from labpipe.materials import load
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
@@ -65,6 +70,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     )
     of_traces, checks = record_checks.of_recordings(read, moved, bounced, settings, context, _FAILED)
     checks += [*of_traces, fall_checks.body_stated(sphere.radius.value, sphere.mass.value)]
+    checks += [
+        c
+        for name, one in read.items()
+        if one is not None and bounced[name] is None
+        for c in _other(name, one, settings)
+    ]
     records = [
         (Fall(name, found, float(one.attrs["u_systematic_relative"])), one)
         for name, one in moved.items()
@@ -117,6 +128,27 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         measured_by=judgements.measured_by(sphere),
         alternatives=partial(of_drop, given=given, settings=settings),
     )
+
+
+def _other(file: str, readings: xr.Dataset, settings: BallDrop) -> Iterator[Check]:
+    """Look for the drop that a recording does not hold among the other outputs of its file."""
+    own = settings.sensor.output
+    for output in (str(name) for name in readings if re.fullmatch(r"out\d+", str(name)) and name != own):
+        if (trace := record_checks.Trace.of(file, readings, output)) is None:
+            continue
+        series = xr.DataArray(trace.reading, {"time": trace.time}, ("time",))
+        with suppress(LabpipeError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            fall = Fall(file, signals.bounces(series), 1.0 - _LEAST_COSINE)  # along any line of sight
+            if fall_checks.acceleration(fall, settings.model.gravity).level is None:
+                height, g = fall.value("drop_height")[0], fall.value("fall_acceleration")[0]
+                text = f"{file}: no drop in {own}, but {output} holds one from {quantity(height, 'm')} with "
+                text += f"{quantity(g, 'm/s2')} along the line of sight"
+                cause = (
+                    f"{own} of this file is another signal: the drop is in {output}; export that output alone, or give "
+                )
+                cause += f'sensor.output = "{output}" where all recordings have it'
+                yield Check("readings", text, "impossible", cause=cause, file=file, recording=file)
 
 
 def _repeats(falls: Sequence[Fall]) -> list[Check]:

@@ -14,6 +14,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation.comparison import rows
+from pipelines.experiments.dic_validation.measured import SOLVED, repeated
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
@@ -27,9 +28,6 @@ _BETWEEN_DAYS = 0.01
 """Relative difference of two drops from one height, set anew on another day."""
 _FOUND = 0.9  # of the frames in which the holder should be found
 _STEP = 0.02  # of the usual interval between frames, by which others may differ
-_SOLVED, _ALIKE = 1e-4, 1e-6
-"""By which places [px] and correlations of one image differ that is solved for from other
-beginnings; noise changes them by more."""
 _STAYS = 5  # frames for which a size that has changed remains
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
@@ -101,10 +99,7 @@ def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield Check(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
     yield from _unbroken(track, film)
-    # a frame that shows the holder exactly as the one before, within the tolerance of the solver
-    limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
-    same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
-    yield no_copies(film, frame, same & (np.diff(frame) == 1))
+    yield no_copies(film, frame, repeated(track)[1:])
     yield in_order(film, frame, of_body["dy"].values)
 
 
@@ -124,6 +119,7 @@ def _unbroken(track: xr.Dataset, film: str) -> Iterator[Check]:
     count, first = longest_run(np.diff(track["frame"].values) == 1)
     body = track.isel(point=0, frame=slice(first, first + count + 1))
     size, place = 0.5 * (body["stretch_x"].values + body["stretch_y"].values), body["dy"].values
+    place = np.where(repeated(track)[first : first + count + 1], np.nan, place)  # those are reported as such
     zoomed = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
     zoomed += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     knocked = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
@@ -136,7 +132,7 @@ def _unbroken(track: xr.Dataset, film: str) -> Iterator[Check]:
         if known.size < _STAYS:
             yield not_made(name, "a holder in five frames in a row")
             continue
-        broken = break_in(series, max(estimate_noise(known).sigma, _SOLVED))
+        broken = break_in(series, max(estimate_noise(known).sigma, SOLVED))
         text = f"the {name} does not jump"
         if broken is not None:
             by, when = broken[1], quantity(float(body["time"][broken[0]]), "s")

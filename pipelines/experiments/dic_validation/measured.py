@@ -33,6 +33,10 @@ _MARGIN = 0.8  # of the frames found still that are used
 _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
+SOLVED, _ALIKE = 1e-4, 1e-6
+"""By which places [px] and correlations of one image differ that is solved for from other
+beginnings; noise changes them by more."""
+_MOST_COPIES = 0.1  # of the frames, that are left out
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
@@ -122,6 +126,13 @@ def statuses(track: xr.Dataset) -> NDArray[np.str_]:
     return np.array([names[int(code)] for code in status.values])
 
 
+def repeated(track: xr.Dataset) -> NDArray[np.bool_]:
+    """Find frames (frame,) that show the holder exactly as the one before, within the tolerance of the solver."""
+    body, limits = track.isel(point=0), (("dx", SOLVED), ("dy", SOLVED), ("zncc", _ALIKE))
+    same = np.all([np.abs(np.diff(body[of].values)) <= limit for of, limit in limits], axis=0)
+    return np.append(False, same & (np.diff(track["frame"].values) == 1))
+
+
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:
     """Turn the tracks into metres with the view's calibration: the holder's height over time."""
     known = calibration.load_record(record)
@@ -140,6 +151,9 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
     x, y, u_x, u_y = (body[name].values for name in _ACROSS)
     along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
+    copies = repeated(track)
+    if copies.mean() < _MOST_COPIES:  # a film without noise repeats itself at rest
+        along[copies] = np.nan
     text = "displacement of the holder along its motion, upwards"
     table = with_u("displacement", "time", along, noise, "m", text, "(random)")
     turned, u_turned = (body[name].values for name in ("rotation", "u_rotation"))

@@ -163,7 +163,8 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
         seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
         size = float(np.abs(values).min()) if is_pair else abs(centre)
         others = shown(float(np.median(np.delete(values, worst))), own, unit)
-        text = f"{file}: {title} {shown(seen, own, unit)}, the other repeats {others}; allowed scatter {100 * ordinary:g} %"
+        text = f"{file}: {title} {shown(seen, own, unit)}, the other repeats {others}"
+        text += f"; allowed scatter {100 * ordinary:g} %"
         # of two nobody knows which is right, nor how much a body scatters
         said = f"either of the two files may be the one: {cause}" if is_pair else cause
         place: dict[str, Any] = {"allowance": ordinary * size, "factor": False, "file": file, "cause": said}

@@ -176,7 +176,7 @@ def _course(fall: Fall, known: Sequence[_Stretch], noise: float, swing: float) -
 
 
 def _shape(known: Sequence[_Stretch], k: int, noise: float, when: float) -> str:
-    """Return the cause that the shape of a deviation shows: a step, a vibration through the whole record, or a touch."""
+    """Return the cause that the shape of a deviation shows: a step, a vibration of the whole record, or a touch."""
     left, basis = known[k].left, known[k].basis
     excess = float(left @ left) - left.size * noise**2
     # a step up at each reading: orthogonal to the polynomial, it takes its product with the rest
@@ -187,7 +187,7 @@ def _shape(known: Sequence[_Stretch], k: int, noise: float, when: float) -> str:
     at = 2 + int(np.argmax(gain))
     if gain.max() > _MOSTLY * excess:
         step, moment = float(after[at] / size[at]), float(known[k].time[at])
-        return f"at {quantity(moment, 's')} the readings step by {quantity(abs(step), 'm')} in a {'rest' if known[k].fall is None else 'flight'}: {_STEPPED}"
+        return f"at {quantity(moment, 's')} the readings step by {quantity(abs(step), 'm')}: {_STEPPED}"
     stretches = [known[k], *(one for n, one in enumerate(known) if n != k)]
     everything, size = np.concatenate([one.left for one in stretches]), left.size
     span = max(float(one.time[-1]) for one in known) - min(float(one.time[0]) for one in known)

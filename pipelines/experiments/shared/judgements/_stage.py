@@ -13,7 +13,7 @@ from labpipe.judging import Agreement, Cause, Check, Judgement, agreement, detec
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
-from labpipe.workflow.fields import every_setting
+from labpipe.workflow.fields import REFERENCE, every_setting
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
@@ -102,16 +102,27 @@ class Basis(NamedTuple):
         return "; ".join(check.message for check in self.checks if check.level)
 
     @classmethod
-    def of(cls, results: Iterable[Any]) -> "Basis":
-        """Take the judgements of the experiments, or lists of them, where they are."""
+    def of(cls, results: Sequence[Any], named: Sequence[str] = ()) -> "Basis":
+        """Take the judgements of the experiments, or lists of them; those that are ``named`` should have one."""
         every = (one for found in results for one in (found if isinstance(found, list) else [found]))
         words = {str(one.attrs["experiment"]): believed(one).believable for one in every if one is not None}
-        checks = []
+        checks = [
+            Check(f"input from {name}", f"{name} gave no result", "note", cause=f"see {name} first")
+            for name, found in zip(named, results, strict=False)
+            if name and found is None
+        ]
         for name, word in words.items():
             is_bad = word in ("doubtful", "impossible")
             text = f"it rests on {name}, which is {word}" if is_bad else f"{name} is believable"
             checks.append(Check(f"input from {name}", text, "note" if is_bad else None, cause=f"see {name} first"))
         return cls(checks, "impossible" not in words.values())
+
+
+def _named(settings: Any, field: str) -> str:
+    """Return the one experiment that a dotted field names; empty where there is none."""
+    for name in field.split("."):
+        settings = getattr(settings, name, None)
+    return settings.removeprefix(REFERENCE) if isinstance(settings, str) else ""
 
 
 class Scene(NamedTuple):
@@ -239,7 +250,8 @@ def judging(
             *results: Any, settings: Any, context: Context, others: Mapping[str, xr.Dataset] | None = None
         ) -> xr.Dataset:
             known = dict(zip((*names, *rests_on), results, strict=False)) | {"others": others}
-            basis = Basis.of([known.pop(field, None) for field in rests_on])
+            named = [_named(settings, field) for field in rests_on]
+            basis = Basis.of([known.pop(field, None) for field in rests_on], named)
             known |= {} if basis.is_sound else dict.fromkeys(expected)
             found: Scene = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
             stated = [(place, value) for place, value, _ in every_setting(settings) if isinstance(value, Quantity)]
