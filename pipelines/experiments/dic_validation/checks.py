@@ -1,5 +1,6 @@
 """Checks of a film of a falling holder: its frames and light, view, free fall, bounces, and the laser."""
 
+import json
 from collections.abc import Iterator
 from math import hypot
 
@@ -14,7 +15,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import SOLVED, repeated
+from pipelines.experiments.dic_validation.measured import SOLVED, TURNED, repeated
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
@@ -96,8 +97,13 @@ def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
+    cause, place = f"{cause}on the holder", {"setting": "tracking.body"}
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
-    yield Check(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
+    way, of_way = max(json.loads(track.attrs.get(TURNED, '{"": 0}')).items(), key=lambda one: one[1])
+    if of_way > _FOUND:
+        message += f", in {100 * of_way:.0f} % of them where the film is {way}"
+        cause, place = f"the film is {way}: the camera was, or it was turned or mirrored by the export", {"file": film}
+    yield Check(FOUND, message, level, cause=cause, **place)
     yield from _unbroken(track, film)
     yield no_copies(film, frame, repeated(track)[1:])
     yield in_order(film, frame, of_body["dy"].values)

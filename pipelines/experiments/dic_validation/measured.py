@@ -37,6 +37,7 @@ SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
 _MOST_COPIES = 0.1  # of the frames, that are left out
+TURNED = "found_turned"
 LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
 STRAIGHT = math.radians(30.0)
 """Largest angle of the motion to the columns that is taken for a turned camera."""
@@ -59,7 +60,17 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["pixels_read"] = min(work["pixels_read"], work["pixels_total"])  # still frames are read twice
     kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
+    if float(found["valid"].isel(point=0).mean()) < LOST:
+        kept[TURNED] = json.dumps(_found_turned(source, points[:1], subsets[:1]))
     return found.assign_attrs(kept, work=json.dumps(work))
+
+
+def _found_turned(source: FrameSource, body: list[tuple[float, float]], subset: list[int]) -> dict[str, float]:
+    """Return the share of frames, one of eight, in which the holder is found where they are turned or mirrored."""
+    frames = np.stack([np.asarray(source[int(i)]) for i in np.flatnonzero(source.valid)[::_EVERY]])
+    turns = {"upside down": np.s_[:, ::-1], "mirrored": np.s_[:, :, ::-1], "turned by 180°": np.s_[:, ::-1, ::-1]}
+    found = {name: imaging.track(frames[turn].copy(), body, subset=subset) for name, turn in turns.items()}
+    return {name: float(one["valid"].mean()) for name, one in found.items()}
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
