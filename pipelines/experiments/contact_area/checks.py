@@ -79,11 +79,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks += _of_frames(radius, impacts, settings)
         checks += _of_contacts(radius, settings)
     checks += given.each([_of_impacts])
+    causes = given.each([_causes])
+    if any(check.name == RADIUS and check.level for check in checks):  # which no clock changes
+        causes = [cause for cause in causes if set(cause.effects) != {FLIGHT}]
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     return Scene(
         checks,
-        given.each([_causes]),
+        causes,
         given.each([rows]),
         inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
