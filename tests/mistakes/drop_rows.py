@@ -199,7 +199,12 @@ ROWS = (
         ALL[2],
     ),
     Mistake("hit in a flight", values(_bump), "doubtful", ("flight after impact 1", "touched"), ALL[0]),
-    Mistake("cycle 100 us from 60 ms on", cells(lambda t: t[:1200] + t[1200::2]), "impossible", ("2 times", "before")),
+    Mistake(
+        "cycle 100 us from 60 ms on",
+        cells(lambda t: t[:1200] + t[1200::2]),
+        "impossible",
+        ("between the rows changes",),
+    ),
     Mistake(
         "thirty readings held", cells(lambda t: t[:1150] + 30 * t[1150:1151] + t[1180:]), "doubtful", ("57.5", "held")
     ),
