@@ -130,8 +130,9 @@ def blows(
         design = np.column_stack([wave.real, wave.imag, np.ones(s.size)])
         return np.asarray(windows @ np.linalg.pinv(design)[:2].T)
 
-    after = (np.arange(size) + 0.5 * gap) * interval
-    change = np.linalg.norm(fitted(after)[size + gap :] - fitted(-after[::-1])[: -size - gap], axis=1)
+    after: Floats = np.asarray((np.arange(size) + 0.5 * gap) * interval, float)
+    begun, before = fitted(after)[size + gap :], fitted(np.negative(after[::-1]))[: -size - gap]
+    change: Floats = np.linalg.norm(np.subtract(begun, before), axis=1)
     near = np.lib.stride_tricks.sliding_window_view(np.pad(change, size // 2), size // 2 * 2 + 1).max(axis=1)
     found = np.flatnonzero((change == near) & (change > 5.0 * u))
     return time[found + size - 1 + gap // 2], change[found], u

@@ -230,10 +230,11 @@ class Job:
         if isinstance(slot, str):
             return self.plan.session.files / slot
         value, result = self.plan.keys[slot].value, self.passed.get(slot)
-        is_nothing = slot in self.failures or value is None
-        if result is None and not is_nothing and self.store.record(value) is None:  # what rests on failures is not kept
-            is_nothing = any(name in self.failures for name in lineage(self.plan.tasks, slot))
-        if result is None and not is_nothing:
+        if result is not None or value is None or slot in self.failures:
+            return result
+        # what rests on failures is not kept
+        is_kept = not any(name in self.failures for name in lineage(self.plan.tasks, slot))
+        if is_kept or self.store.record(value) is not None:
             result = self.store.read(value)
             if task.stage.output == "dataset" and not isinstance(result, str):
                 for attribute in _OURS:

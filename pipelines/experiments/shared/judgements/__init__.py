@@ -18,17 +18,17 @@ from pipelines.experiments.shared.judgements._page import (
     with_minus as with_minus,
     written_place as written_place,
 )
+from pipelines.experiments.shared.judgements._scene import Basis as Basis, Scene as Scene
 from pipelines.experiments.shared.judgements._stage import (
+    MEASURED as MEASURED,
     OF_FILM as OF_FILM,
-    Basis as Basis,
-    Scene as Scene,
     Title as Title,
     Titles as Titles,
     judgement as judgement,
     judging as judging,
+    u_modulus as u_modulus,
 )
 from pipelines.experiments.shared.judgements._usual import (
-    MEASURED as MEASURED,
     because as because,
     day_known as day_known,
     failed_steps as failed_steps,
@@ -36,7 +36,6 @@ from pipelines.experiments.shared.judgements._usual import (
     measured_by as measured_by,
     stated_wrongly as stated_wrongly,
     times_over as times_over,
-    u_modulus as u_modulus,
     wrong_interval as wrong_interval,
     wrong_lengths as wrong_lengths,
     wrong_scale as wrong_scale,
