@@ -26,7 +26,6 @@ from pipelines.experiments.shared.judgements._stage import (
     Titles as Titles,
     judgement as judgement,
     judging as judging,
-    measured_by as measured_by,
 )
 from pipelines.experiments.shared.judgements._usual import (
     MEASURED as MEASURED,
@@ -34,6 +33,7 @@ from pipelines.experiments.shared.judgements._usual import (
     day_known as day_known,
     failed_steps as failed_steps,
     line_of as line_of,
+    measured_by as measured_by,
     stated_wrongly as stated_wrongly,
     times_over as times_over,
     u_modulus as u_modulus,

@@ -13,7 +13,7 @@ from labpipe.judging import Agreement, Cause, Check, Judgement, agreement, detec
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
-from labpipe.workflow.fields import REFERENCE, every_setting
+from labpipe.workflow.fields import every_setting
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
@@ -148,12 +148,6 @@ class Scene(NamedTuple):
     def another_material(self) -> str:
         """Sentence where another modulus would explain a model that differs."""
         return _OF_ANOTHER.format(self.measured_by) if self.measured_by else _OF_NAME
-
-
-def measured_by(material: Any) -> str:
-    """Return the experiment or file that knows a material as settings choose it; empty for one known by its name."""
-    chosen = getattr(material, "material_from", None) or getattr(material, "material_file", None)
-    return (chosen or "").removeprefix(REFERENCE)
 
 
 def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset:

@@ -17,9 +17,8 @@ from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.document import counted
-from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark
+from labpipe.workflow.fields import POSITIVE, REFERENCE, Range, every_setting, mark
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.judgements._scene import measured_by
 
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
@@ -60,6 +59,12 @@ def uncertainties_stated(settings: Any) -> Iterator[Check]:
             level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
             yield Check(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
+
+
+def measured_by(material: Any) -> str:
+    """Return the experiment or file that knows a material as settings choose it; empty for one known by its name."""
+    chosen = getattr(material, "material_from", None) or getattr(material, "material_file", None)
+    return (chosen or "").removeprefix(REFERENCE)
 
 
 def u_modulus(material: Any) -> float:
