@@ -240,11 +240,11 @@ def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quant
 
 
 def _stated(experiment: Experiment) -> dict[str, Quantity]:
-    """Return the quantities that an experiment states, and what is counted beside them, such as tips of a punch."""
+    """Return the quantities that an experiment states, and counts beside them, such as tips: those differ by one."""
     given = [(s, v) for s, v, _ in every_setting(experiment.settings) if s in experiment.lines]  # a default has no line
     found = {s: v for s, v in given if isinstance(v, Quantity)}
     tables = {s.rpartition(".")[0] for s in found} - {""}
-    counts = {s: Quantity(float(v), 0.0, "1") for s, v in given if type(v) is int and s.rpartition(".")[0] in tables}
+    counts = {s: Quantity(float(v), 0.1, "1") for s, v in given if type(v) is int and s.rpartition(".")[0] in tables}
     return found | counts
 
 
@@ -296,7 +296,7 @@ def _slip(value: Quantity, expected: Quantity) -> float:
 def _written(value: Quantity) -> str:
     from labpipe.report import quantity
 
-    return quantity(value.value, value.si, 4)
+    return f"{value.value:.4g}" if value.si == "1" else quantity(value.value, value.si, 4)
 
 
 def _material_names(session: Session) -> _Owned:

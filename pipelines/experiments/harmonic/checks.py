@@ -35,5 +35,5 @@ def _passive(file: str, waves: xr.Dataset) -> Check:
     where = f"{file}, block {int(waves['block'][worst]) + 1}, {float(waves['frequency'][worst]):.3g} Hz"
     cause = "the force leads or lags wrongly: filter_delay in the record of the load cell, or the sign of the force"
     text = f"{where}: loss stiffness {value_with_uncertainty(float(loss[worst]), float(u[worst]), 'N/m')}"
-    margin = {"at_least": 0.0, "cause": cause, "file": file}
-    return bounded(mach1_checks.LOSS, text, float(loss[worst]), float(u[worst]), **margin)
+    value, of = float(loss[worst]), float(u[worst])
+    return bounded(mach1_checks.LOSS, text, value, of, at_least=0.0, cause=cause, file=file)
