@@ -139,7 +139,8 @@ def _looks(chart: LineChart) -> dict[int, tuple[LineLook, bool]]:
     # Points carry markers already, and markers along lines would hide them.
     can_mark = chart.is_ordered and not any(s.style == "points" for s in curves)
     marked = {id(s) for s in curves if can_mark and roles.count(s.role) > 1}
-    marked |= {id(s) for s in chart.series if s.level is not None and s.style not in ("points", "band")}
+    family = (s for s in chart.series if s.level is not None and s.style not in ("points", "band"))
+    marked |= set(map(id, family)) if chart.is_ordered else set()
     return {key: (look, key in marked) for key, look in found.items()}
 
 

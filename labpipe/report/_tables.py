@@ -347,8 +347,8 @@ def table_view(table: Table) -> tuple[list[HeadingView], list[tuple[CellView, ..
         unit = display_unit(sizes, column.unit)
         views = [_cell(cell, u, column, unit.factor) for cell, u in pairs]
         is_number = any(view.is_number for view in views)
-        # a missing number stands where the number would stand
-        columns.append([v._replace(is_number=is_number and (v.is_number or v.text == NOT_AVAILABLE)) for v in views])
+        # a missing number, or the reason why, stands where the number would stand
+        columns.append([v._replace(is_number=is_number and v.block is None) for v in views])
         headings.append(HeadingView(column.title, unit.text, is_number))
     return headings, list(zip(*columns, strict=True)) if columns else [()] * len(table.rows)
 

@@ -22,7 +22,6 @@ Film = NDArray[np.uint8]
 
 _MICROMETRE = 1e-6
 _DEFAULT = "3 fringes"
-_PEER = "edge of the spot"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +53,23 @@ def run(quick: bool) -> list[Suite]:
         scene = replace(scene, camera=replace(scene.camera, rows=240, columns=320), radius=200e-6)
     frames, repeats = (8, 2) if quick else (24, 5)
     film = make_film(scene, frames, 1)
-    contenders = _contenders(film, scene)
+    optics = scene.camera.pixel_size, scene.sphere, scene.camera.wavelength
+    fit = partial(contact_radius, film, *optics)
+    contenders: Calls = {
+        "1 fringe": (OURS, partial(fit, fringes=1.0)),
+        _DEFAULT: (OURS, fit),
+        "5 fringes": (OURS, partial(fit, fringes=5.0)),
+        "10 fringes": (OURS, partial(fit, fringes=10.0)),
+        "3 fringes, free ellipse": (OURS, partial(fit, shape="ellipse")),
+        "Otsu's threshold, circle of equal area": (
+            "edge of the spot",
+            lambda: {"radius": np.array([*map(area_radius, film)]) * scene.camera.pixel_size},
+        ),
+    }
     bounds = {count: cramer_rao(scene, count) for count in (1.0, 3.0)}
 
     def judge(_: str, found: Any) -> tuple[float, Extra]:
-        error = (np.asarray(found, float) - scene.radius) / _MICROMETRE
+        error = (np.asarray(found["radius"], float) - scene.radius) / _MICROMETRE
         rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else math.nan
         return rms, {
             "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,
@@ -82,26 +93,6 @@ def run(quick: bool) -> list[Suite]:
         time_label="run time per frame (s)",
     )
     return [suite]
-
-
-def _contenders(film: Film, scene: Scene) -> Calls:
-    fit = partial(_fitted, film, scene)
-    return {
-        "1 fringe": (OURS, partial(fit, fringes=1.0)),
-        _DEFAULT: (OURS, fit),
-        "5 fringes": (OURS, partial(fit, fringes=5.0)),
-        "10 fringes": (OURS, partial(fit, fringes=10.0)),
-        "3 fringes, free ellipse": (OURS, partial(fit, shape="ellipse")),
-        "Otsu's threshold, circle of equal area": (
-            _PEER,
-            lambda: np.array([*map(area_radius, film)]) * scene.camera.pixel_size,
-        ),
-    }
-
-
-def _fitted(film: Film, scene: Scene, **options: Any) -> Floats:
-    optics = scene.camera.pixel_size, scene.sphere, scene.camera.wavelength
-    return np.asarray(contact_radius(film, *optics, **options)["radius"].values)
 
 
 def area_radius(image: Film) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import minimize
 
-from labpipe.arrays import Complexes, Floats
+from labpipe.arrays import Floats
 from labpipe.materials import MasterCurve, master_curve
 from labpipe.report import SURE
 from pipelines.bench.measure import Extra, Suite, race
@@ -75,13 +75,12 @@ class Measured:
     """One set of sweeps and what is true of it.
 
     ``sweeps``; ``reference`` [degC]: the isotherm that errors are counted from; ``log10_aT`` (temperature,): true
-    shifts from that isotherm; ``exact`` (temperature, frequency) [Pa]: true complex modulus.
+    shifts from that isotherm.
     """
 
     sweeps: xr.Dataset
     reference: float
     log10_aT: Floats
-    exact: Complexes
 
     def error(self, log10_aT: Floats) -> float:
         """Root-mean-square error of shifts counted from any isotherm (decades)."""
@@ -106,7 +105,7 @@ def measured(truth: Solid, seed: int, temperatures: int = 12, noise: float = 0.0
             "frequency": ("frequency", frequency, {"units": "Hz"}),
         },
     )
-    return Measured(sweeps, float(temperature[at]), law - law[at], exact)
+    return Measured(sweeps, float(temperature[at]), law - law[at])
 
 
 def _maxwell() -> Solid:

@@ -12,7 +12,6 @@ from types import MappingProxyType
 
 from labpipe.errors import InputError
 from labpipe.plugins import Plugin, survey, tell
-from labpipe.schema import Schema
 from labpipe.workflow.graph import ordered
 from pipelines.experiments._kind import Kind
 from pipelines.experiments.ball_drop.kind import KIND as BALL_DROP
@@ -34,29 +33,26 @@ def _gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
     schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
     added = []
     for plugin in survey(entry_points(group="labpipe.kinds"), Kind, list(kinds)):
-        kind = plugin.found
-        if kind is not None and (problem := _problem(kind, schemas)):
-            added.append(plugin.left_out(problem))
+        if (kind := plugin.found) is None:
+            added.append(plugin)
             continue
-        added.append(plugin)
-        if kind is not None:
+        taken = [s.name for s in kind.schemas if schemas.get(s.name, s) != s]
+        named = {stage.schema for stage in kind.stages} - {None, *(s.name for s in kind.schemas)}
+        problem = ""
+        if taken:
+            problem = f"another kind has other schemas of the names {', '.join(taken)}"
+        elif named:
+            problem = f"its stages name schemas that it does not bring: {', '.join(map(str, named))}"
+        else:
+            try:
+                ordered(kind.stages, kind.settings)
+            except InputError as error:
+                problem = str(error)
+        added.append(plugin.left_out(problem) if problem else plugin)
+        if not problem:
             kinds[kind.name] = kind
             schemas |= {schema.name: schema for schema in kind.schemas}
     return MappingProxyType(kinds), tuple(added)
-
-
-def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
-    taken = [s.name for s in kind.schemas if schemas.get(s.name, s) != s]
-    if taken:
-        return f"another kind has other schemas of the names {', '.join(taken)}"
-    named = {stage.schema for stage in kind.stages} - {None, *(s.name for s in kind.schemas)}
-    if named:
-        return f"its stages name schemas that it does not bring: {', '.join(map(str, named))}"
-    try:
-        ordered(kind.stages, kind.settings)
-    except InputError as error:
-        return str(error)
-    return ""
 
 
 KINDS: Mapping[str, Kind]

@@ -68,11 +68,6 @@ def render(session: Session, found: Identified) -> str:
     return session_document(session, f"Identification: {found.material}", sections)
 
 
-def _percent(share: float) -> str:
-    """Write a share with two digits, and never as a power of ten."""
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
-
-
 def relaxed_text(found: Identified) -> str:
     """State the limits of the long-time modulus and their reason."""
     said = found.relaxed
@@ -82,7 +77,8 @@ def relaxed_text(found: Identified) -> str:
             f"E∞ is not identifiable from these experiments: the modulus at {end}, the longest time they "
             f"cover, is not known to within a factor of two"
         )
-    fall, most = (_percent(share) for share in (said.fall, said.most_fall))
+    # two digits, and never a power of ten
+    fall, most = (f"{100 * s:.0f} %" if s >= 0.1 else f"{100 * s:.2g} %" for s in (said.fall, said.most_fall))
     fell = fall + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
         return (

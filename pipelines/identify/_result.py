@@ -12,8 +12,6 @@ from labpipe.materials import Prony
 from labpipe.report import SURE
 from labpipe.variables import described
 
-_PER_DECADE = 6
-_BEYOND = 100.0  # factor by which the curves go on beyond the data
 UNCHANGED = 0.95
 """Standard deviation over that before, from which on the data are said to tell nothing new."""
 
@@ -36,8 +34,8 @@ class Identified:
     stated: tuple[str, Prony] | None = None
 
 
-def dataset(found: Identified) -> xr.Dataset:
-    """Return everything that was found.
+def dataset(found: Identified, per_decade: int = 6, beyond: float = 100.0) -> xr.Dataset:
+    """Return everything that was found; the curves go on beyond the data by a factor.
 
     Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
     most probable structure. Over ``frequency``, by all structures: storage modulus and loss
@@ -53,8 +51,8 @@ def dataset(found: Identified) -> xr.Dataset:
         for (experiment, group), m in fit.misfits.items()
     }
     low, high = informative_range(known)
-    count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
-    curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
+    count = int(np.log10(high / low * beyond**2) * per_decade)
+    curve = moduli(known, np.geomspace(low / beyond, high * beyond, count))
     table: dict[str, Any] = {
         "E": ("term", solid.E, described("Pa", "Prony series of the most probable structure")),
         "rho": ("term", solid.rho, described("s", "relaxation times")),

@@ -6,6 +6,7 @@ disc, at room temperature and heated; PTFE is loaded step by step; rubber is ind
 all five materials go through the rheometer. Independent recordings are written side by side.
 """
 
+import operator
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
@@ -166,33 +167,23 @@ def write_campaign(
     depend on it.
     """
     parts = [part for part in _parts(folder, start, extent) if not only or set(part[0]) & set(only)]
-    tasks = dict(enumerate(parts))
     found: dict[int, str] = {}
-    for number, section in side_by_side(choose(workers), written, tasks):
+    tasks = {number: (write,) for number, (_, write) in enumerate(parts)}
+    for number, section in side_by_side(choose(workers), operator.call, tasks):
         if isinstance(section, Died):
             raise LabpipeError(f"recording {', '.join(parts[number][0])}: {section}; too little memory?")
         found[number] = section
     if extent is not SMALL and not only:
         write_calibration_images(folder)
-    sections = joined([found[number] for number in tasks])
+    # the plate's drops under one head, before all others
+    drops = [found[number] for number in tasks if found[number].startswith(_DROPS)]
+    rest = "".join(found[number] for number in tasks if not found[number].startswith(_DROPS))
+    sections = (plate_section(drops) if drops else "") + rest
     session_text.write_session(folder, title, sections, is_binned=extent.bursts is not None)
     if extent.seed:
         for path in (folder / "session.toml", *(folder / "calibration").glob("*.toml")):
             files.write_text(path, misstated(path.read_text("utf-8"), extent, path.name))
     return list(dict.fromkeys(name for names, _ in parts for name in names))
-
-
-def joined(sections: list[str]) -> str:
-    """Return the sections as one text, with the plate's drops under one head before all others."""
-    drops = [text for text in sections if text.startswith(_DROPS)]
-    rest = "".join(text for text in sections if not text.startswith(_DROPS))
-    return (plate_section(drops) if drops else "") + rest
-
-
-def written(names: tuple[str, ...], write: Callable[[], str]) -> str:
-    """Write a part; return its section of session.toml."""
-    del names
-    return write()
 
 
 def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:

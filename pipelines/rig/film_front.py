@@ -107,8 +107,7 @@ def front_section(film: str, camera: FrontCamera, height: float = FRONT_HEIGHT) 
 
 def _pose(time: float, trajectory: Trajectory, height: float, camera: FrontCamera) -> Pose:
     since = time - camera.release
-    fallen = 0.0
-    rotation = 0.0
+    fallen, rotation = 0.0, 0.0
     if since > 0:
         fallen = height - float(trajectory.at(np.array([since]))[0])
     if 0 < since < 1 / camera.swing:

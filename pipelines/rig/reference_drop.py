@@ -37,14 +37,29 @@ from pipelines.rig.solids import Viscoelastic
 
 GRAVITY = SPHERE.gravity
 CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
-_COARSER = ((4e-3, 8e-6), (40e-3, 20e-6))  # steps [s] from so long [s] after a touch: it rests
-SPRINGS = 400
-_IMPACT = 20e-3  # s; longer than any impact, so its modulus bounds the contact from above
-_LATE, _LATE_STEPS, _SLOWEST = 0.5, 3.0, 3e-3
-"""After so long [s], when nothing is compared any more, steps are three times as long, and grow as slow contacts last
-(speed^-1/5, down to so many m/s): a restitution still errs by less than 1e-4."""
-_REACH, _FEWER = 2.0, 0.9  # times its depth that a later contact may have; share of springs that is worth it
 FLIGHT_GROWTH = 1.15  # ratio of successive recovery steps in flight; recovery is smooth in log t
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """Steps and springs of the reference; s, m/s.
+
+    So long after a touch as ``coarser`` says, steps grow to those it says with it: the sphere rests. After ``late``,
+    when nothing is compared any more, they are three times as long, and grow as slow contacts last (speed^-1/5, down to
+    ``slowest``): a restitution still errs by less than 1e-4.
+    """
+
+    springs: int = 400
+    coarser: tuple[tuple[float, float], ...] = ((4e-3, 8e-6), (40e-3, 20e-6))
+    impact: float = 20e-3  # longer than any, so its modulus bounds the contact from above
+    late: float = 0.5
+    late_steps: float = 3.0
+    slowest: float = 3e-3
+    reach: float = 2.0  # times its depth that a later contact may have
+    fewer: float = 0.9  # share of springs from which leaving the others out is worth it
+
+
+_SCHEME = Scheme()
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,11 +207,12 @@ def _recover(u: Floats, history: History, begun: float, duration: float) -> None
 
 def _contact_grid(now: float, duration: float, speed: float, height: float) -> Floats:
     """Return the times of the steps of a contact [s] that begins ``now`` at a speed, from 0 to its longest duration."""
-    longer = 1.0 if now <= _LATE else _LATE_STEPS * float(np.sqrt(2 * GRAVITY * height) / max(speed, _SLOWEST)) ** 0.2
+    slow = float(np.sqrt(2 * GRAVITY * height) / max(speed, _SCHEME.slowest)) ** 0.2
+    longer = 1.0 if now <= _SCHEME.late else _SCHEME.late_steps * slow
     pieces: list[Floats] = [np.zeros(1)]
-    ends = [*(begin for begin, _ in _COARSER), np.inf]
+    ends = [*(begin for begin, _ in _SCHEME.coarser), np.inf]
     begin = 0.0
-    for step, end in zip((CONTACT_STEP, *(step for _, step in _COARSER)), ends, strict=True):
+    for step, end in zip((CONTACT_STEP, *(step for _, step in _SCHEME.coarser)), ends, strict=True):
         count = int(np.ceil((min(end, duration) - begin) / (longer * step)))
         if count > 0:
             pieces.append(np.asarray(begin + longer * step * np.arange(1.0, count + 1.0), dtype=np.float64))
@@ -232,10 +248,10 @@ def reference_drop(
         raise InputError("modulus, radius, mass, height and duration must be positive")
     floor = Floor() if floor is None else floor
     gap_of_impact, gap_at_rest = _deepest(solid, disc, radius, mass, height, duration)
-    width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / SPRINGS
-    position: Floats = np.asarray((np.arange(SPRINGS) + 0.5) * width, dtype=np.float64)
+    width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / _SCHEME.springs
+    position: Floats = np.asarray((np.arange(_SCHEME.springs) + 0.5) * width, dtype=np.float64)
     gap = profile(position, radius)
-    u, history = np.zeros(SPRINGS), no_history(solid, SPRINGS, 1 / (1 - solid.nu**2))
+    u, history = np.zeros(_SCHEME.springs), no_history(solid, _SCHEME.springs, 1 / (1 - solid.nu**2))
     floor_law = floor.mass, 2 * np.pi * floor.frequency, floor.damping_ratio
 
     now, z, v, x, w = 0.0, height, 0.0, 0.0, 0.0
@@ -285,8 +301,8 @@ def reference_drop(
             liftoff.append(_lifted(times, record[:, 2]))
             outgoing.append(v + GRAVITY * (now - liftoff[-1]))
             # Springs that no later, slower impact reaches bear nothing, and would cost as much as those in it.
-            count = int(np.searchsorted(gap, max(_REACH * edge, gap_at_rest), side="right"))
-            if not asked.size and count < _FEWER * u.size:
+            count = int(np.searchsorted(gap, max(_SCHEME.reach * edge, gap_at_rest), side="right"))
+            if not asked.size and count < _SCHEME.fewer * u.size:
                 u, history = u[:count].copy(), copy_of(history, count)
     if len(shots) != asked.size:
         raise InputError(f"{asked.size} states were requested, {len(shots)} lie in the simulated time")
@@ -324,7 +340,7 @@ def _deepest(
     solid: Viscoelastic, disc: float, radius: float, mass: float, height: float, duration: float
 ) -> tuple[float, float]:
     """Bound the depth of impact and rest from above: Hertz with moduli that have relaxed longer than they can."""
-    relaxed = solid.relaxation(np.array([_IMPACT, max(duration, _IMPACT)])) / (1 - solid.nu**2)
+    relaxed = solid.relaxation(np.array([_SCHEME.impact, max(duration, _SCHEME.impact)])) / (1 - solid.nu**2)
     of_impact, at_rest = relaxed / (1 + disc * relaxed)
     root = np.sqrt(radius)
     impact = (15 * mass * GRAVITY * height / (8 * of_impact * root)) ** 0.4

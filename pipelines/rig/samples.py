@@ -15,6 +15,7 @@ from labpipe.errors import UsageError
 from pipelines.rig import DEMO_TITLE, film_front, film_under
 from pipelines.rig.apparatus import SPHERE
 from pipelines.rig.calibration_images import write_calibration_images
+from pipelines.rig.campaign import FULL_SIZE, SMALL, THESIS, Extent, drawn, write_campaign
 from pipelines.rig.dma import sweeps
 from pipelines.rig.drops import Body, DropRig, write_drops
 from pipelines.rig.film_front import FRONT_HEIGHT, FrontCamera, front_section, write_front
@@ -92,15 +93,11 @@ def _films(folder: Path, *, full_size: bool = False) -> list[str]:
 
 
 def _campaign(
-    folder: Path, name: str = "THESIS", *, seed: int | None = None, full_size: bool = False, **asked: Any
+    extent: Extent, folder: Path, *, seed: int | None = None, full_size: bool = False, **part: Any
 ) -> list[str]:
-    """Record the campaign or, with a title, some of its experiments; ``asked`` are fields of a smaller extent."""
-    from pipelines.rig import campaign
-
-    extent = campaign.FULL_SIZE if full_size else getattr(campaign, name)
-    extent = extent if seed is None else campaign.drawn(extent, seed)
-    part = {key: asked.pop(key) for key in ("title", "only") if key in asked}
-    return campaign.write_campaign(folder, _START, replace(extent, **asked) if asked else extent, **part)
+    """Record a campaign or, with a title, some of its experiments."""
+    extent = FULL_SIZE if full_size else extent
+    return write_campaign(folder, _START, extent if seed is None else drawn(extent, seed), **part)
 
 
 _DEMO = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
@@ -108,15 +105,17 @@ _DEMO = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
 SAMPLES: dict[str, Sample] = {
     "indentation": Sample(
         "NBR under a periodic punch: relaxation at three depths, ten frequencies",
-        partial(_campaign, title="NBR under a periodic punch", only=("nbr_relaxation", "nbr_harmonic", "nbr_dma")),
+        partial(
+            _campaign, THESIS, title="NBR under a periodic punch", only=("nbr_relaxation", "nbr_harmonic", "nbr_dma")
+        ),
     ),
     "static": Sample(
         "a PTFE sphere under five loads, seen by the laser",
-        partial(_campaign, title="PTFE sphere under five loads", only=("ptfe_static", "ptfe_dma")),
+        partial(_campaign, THESIS, title="PTFE sphere under five loads", only=("ptfe_static", "ptfe_dma")),
     ),
     "dma": Sample(
         "rheometer sweeps of five materials over temperature",
-        partial(_campaign, title="Rheometer sweeps of five materials", only=tuple(map(dma_name, SOLIDS))),
+        partial(_campaign, THESIS, title="Rheometer sweeps of five materials", only=tuple(map(dma_name, SOLIDS))),
     ),
     "demo": Sample(
         "three drops of acrylic, one short harmonic indentation",
@@ -126,20 +125,17 @@ SAMPLES: dict[str, Sample] = {
         "vibration of the plate under acrylic and PTFE; a drop modelled on it",
         partial(
             _campaign,
+            replace(THESIS, heights=SPHERE.heights[::3], ringing=("acrylic", "ptfe"), repeats=2, plate_repeats=2),
             title="Ringing of the plate",
             only=("plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"),
-            heights=SPHERE.heights[::3],
-            ringing=("acrylic", "ptfe"),
-            repeats=2,
-            plate_repeats=2,
         ),
     ),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films, ("full_size",)),
-    "thesis": Sample("every experiment of the thesis: the whole campaign", _campaign, ("full_size", "seed")),
+    "thesis": Sample(
+        "every experiment of the thesis: the whole campaign", partial(_campaign, THESIS), ("full_size", "seed")
+    ),
     "thesis-small": Sample(
-        "the campaign in two megabytes: every kind, one height, two repeats",
-        partial(_campaign, name="SMALL"),
-        ("seed",),
+        "the campaign in two megabytes: every kind, one height, two repeats", partial(_campaign, SMALL), ("seed",)
     ),
     "core": Sample(
         "acrylic from four heights, five repeats; one harmonic indentation",

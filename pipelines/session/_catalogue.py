@@ -74,7 +74,6 @@ _LONGEST_RESULT = 64
 _BODIES = ("sphere", "punch", "substrate")
 """Their fields have no name of a table before them: ``radius``, not ``sphere_radius``."""
 _DATE = re.compile(r"[ _.-]*(19|20)\d\d([-_.]?\d\d){0,2}$")
-_MOST_SHOWN = 60  # rows of a table in a notebook
 
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
@@ -96,8 +95,8 @@ class Catalogued:
         return f"{self._caption}\n{self.table}"
 
     def _repr_html_(self) -> str:
-        shown: str = self.table.to_html(max_rows=_MOST_SHOWN)
-        return html_table(self._caption, (), ()) + shown
+        table: Any = self.table  # as pandas shows it
+        return f"{html_table(self._caption, (), ())}{table._repr_html_()}"
 
     @property
     def _caption(self) -> str:

@@ -173,7 +173,8 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         source = instruments.read(file, **options | {"instrument": name} | ({"fps": 1.0} if untimed else {}))
         is_table = isinstance(source, xr.Dataset)
         found = table(source) if isinstance(source, xr.Dataset) else film(source, is_timed=not untimed)
-    said = _said(caught)
+    # without the name of the file, which is shown next to them
+    said = [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
     if untimed:  # everything that does not depend on it is shown all the same
         said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
@@ -219,11 +220,6 @@ def _briefly(found: dict[str, Any]) -> str:
     said += [_span(spans[n]) for n in ("temperature", "frequency") if n in spans]
     count = len(found["problems"])
     return ", ".join([*said, *([f"{count} problem{'s' * (count > 1)}"] if count else [])])
-
-
-def _said(caught: list[warnings.WarningMessage]) -> list[str]:
-    """Return the warnings of readers without the name of the file, which is shown next to them."""
-    return [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
 
 
 def table(dataset: xr.Dataset) -> dict[str, Any]:
@@ -328,35 +324,35 @@ def _record(file: Path) -> dict[str, Any]:
     return head | {"of": record.kind} | stated | {n: str(v) for n, v in values.items() if isinstance(v, Quantity)}
 
 
-_FRAMES = 8  # of a film that are drawn
-_ACROSS = 9.0  # inches of a frame with its pixels
-_COLUMNS = 6  # of a table that are drawn; more would be too small to read
+def write_sheet(
+    source: Path, target: Path, options: dict[str, Any] | None = None, *, frames: int = 8, columns: int = 6
+) -> None:
+    """Draw some frames of a film, or columns of a table, of a known instrument into a .png.
 
-
-def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = None) -> None:
-    """Draw a film or table of a known instrument into a .png; options are those of :func:`instruments.read`."""
+    Options are those of :func:`instruments.read`.
+    """
     if target.suffix.lower() != ".png":
         raise UsageError(f"{target}: the picture is written as .png; name it so")
     if target.resolve() == source.resolve():
         raise UsageError(f"{target} is the file itself, which is never written; name another picture")
     found = instruments.read(source, **options or {})
     stream = BytesIO()
-    figure = _curves(found) if isinstance(found, xr.Dataset) else _frames(found)
+    figure = _curves(found, columns) if isinstance(found, xr.Dataset) else _frames(found, frames)
     figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
     write_bytes(target, stream.getvalue())
 
 
-def _frames(film: FrameSource) -> Figure:
-    """Draw the first sound frame with its pixels along the sides, and below it sound ones evenly over the film."""
+def _frames(film: FrameSource, most: int, across: float = 9.0) -> Figure:
+    """Draw the first sound frame, ``across`` inches, with its pixels along the sides, and below it others evenly."""
     from matplotlib.figure import Figure
 
     sound = np.flatnonzero(film.valid)
     if not sound.size:
         raise InputError("no frame of the film can be decoded")
     count, rows, columns = film.shape
-    chosen = np.unique(np.linspace(0, count - 1, min(_FRAMES, count)).round().astype(int)).tolist()
-    high, low = _ACROSS * min(rows / columns, 1.0), _ACROSS / len(chosen) * rows / columns
-    figure = Figure(figsize=(_ACROSS + 1.0, high + low + 1.2), layout="constrained")
+    chosen = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist()
+    high, low = across * min(rows / columns, 1.0), across / len(chosen) * rows / columns
+    figure = Figure(figsize=(across + 1.0, high + low + 1.2), layout="constrained")
     top, below = figure.subfigures(2, 1, height_ratios=(high + 1.0, low), squeeze=False)[:, 0]
     black, white = film.levels
     first = top.subplots()
@@ -371,13 +367,13 @@ def _frames(film: FrameSource) -> Figure:
     return figure
 
 
-def _curves(dataset: xr.Dataset) -> Figure:
+def _curves(dataset: xr.Dataset, most: int) -> Figure:
     """Draw the numeric columns of a table over its first long axis, one below the other."""
     from matplotlib.figure import Figure
 
     longest = max(dataset.sizes.values(), default=0)
     columns = [v for v in dataset.data_vars.values() if v.shape == (longest,) and v.dtype.kind == "f"]
-    columns = [v for v in columns if np.isfinite(v.values).any()][:_COLUMNS]
+    columns = [v for v in columns if np.isfinite(v.values).any()][:most]
     if not columns:
         raise InputError("the file holds no column of numbers to draw")
     x, title = np.arange(longest), str(columns[0].dims[0])

@@ -330,8 +330,14 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
     if curves and hasattr(function(stage.function), "inputs"):  # made by judging(), which takes others
         with contextlib.suppress(Exception):  # of foreign code: the suspects of the experiment itself remain
             result = _judged(results, experiment, stage, (), others=curves)
+
+    def with_line(setting: re.Match[str]) -> str:  # that a sentence names in brackets
+        line = experiment.lines.get(setting[1])
+        return setting[0] if line is None else f"({setting[1]}, line {line} of {FILE_NAME})"
+
+    told = one.suspects if result is None else suspected(result)
+    told = [re.sub(r"\(([\w.\[\]]+)\)", with_line, text) for text in told]
     unusual = unusual_values(results.plan.session, experiment.name)
-    told = [_with_line(text, experiment) for text in (one.suspects if result is None else suspected(result))]
     is_explained = result is None or result.attrs.get("is_explained", 1)  # one of earlier code may be kept
     return (*told, *unusual) if is_explained else (*unusual, *told)
 
@@ -350,13 +356,3 @@ def _in_common(results: Results) -> dict[str, tuple[str]]:
         return {}
     text = f"all {len(differ)} experiments that name {' or '.join(common)} differ and no other: it is probably wrong"
     return dict.fromkeys(differ, (f"{text} itself",))
-
-
-def _with_line(text: str, experiment: Experiment) -> str:
-    """Add the line to a setting that a sentence names in brackets."""
-
-    def placed_(found: re.Match[str]) -> str:
-        line = experiment.lines.get(found[1])
-        return found[0] if line is None else f"({found[1]}, line {line} of {FILE_NAME})"
-
-    return re.sub(r"\(([\w.\[\]]+)\)", placed_, text)

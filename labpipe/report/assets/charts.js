@@ -318,6 +318,8 @@
     for (const [, , s] of order) {
       const [first, last] = visible(chart, s, u);
       let i = last - 1;
+      // The end of a loop is its right tip.
+      if (chart.isPlane) for (let at = first; at < last; at += 1) if (s.x[at] > s.x[i] && s.y[at] === s.y[at]) i = at;
       while (i >= first && !(project.px(s.x[i]) <= bbox.left + bbox.width && s.y[i] === s.y[i])) i -= 1;
       if (i < first) continue;
       const width = ctx.measureText(s.name).width, height = 12 * density;

@@ -37,18 +37,10 @@ _STAGES = (
         schema="bounces",
     ),
     _each(
-        "ball_drop.measured:velocity",
-        "displacement bounces",
-        "",
-        "differentiate, without smoothing the impacts",
-        schema="velocity",
+        "ball_drop.measured:velocity", "displacement bounces", "", "differentiate, keeping impacts", schema="velocity"
     ),
     stage(
-        "ball_drop.measured:repeats",
-        "displacement velocity bounces",
-        "",
-        "align at first contact: mean, band, outliers",
-        schema="repeats",
+        "ball_drop.measured:repeats", "displacement velocity bounces", "", "mean, band and outliers", schema="repeats"
     ),
     stage(
         "ball_drop.model:model",

@@ -16,7 +16,6 @@ FOLLOWED = 20
 Three are compared; PEEK bounces a hundred times, and each impact costs a contact for every input.
 """
 _OF_CONTACT = ("impact_time", "contact_duration", "penetration")
-_CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 
 
 def model(
@@ -27,10 +26,12 @@ def model(
     *,
     settings: BallDrop,
     full: bool = False,
+    step: float = 5e-5,
 ) -> xr.Dataset:
     """Simulate the drop as long as the record lasts, with the uncertainty of its inputs.
 
-    ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
+    The curve has a point each ``step`` [s], contacts of 1 ms twenty. ``full`` disables the simulator's shortcuts; the
+    numbers stay the same within ``rtol``.
     """
     fall = np.sqrt(2 * settings.height.value / settings.model.gravity.value)
     return simulated_drop(
@@ -39,7 +40,7 @@ def model(
         fitted,
         plate,
         float(fall + repeats["time"].max()),
-        _CURVE_STEP,
+        step,
         followed=FOLLOWED,
         of_budget="restitution",
         full=full,

@@ -1,18 +1,13 @@
 """Proposals of ``init``: other laser exports are repeats of a drop."""
 
-from collections.abc import Iterator, Sequence
-
-from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments._kind import Found
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.record_templates import laser_record
 
 
-def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+@proposals.of_groups(proposals.without_repeat)
+def proposed(found: Found, files: list[str], name: str) -> str:
     """Propose an experiment for every group of repeats, of one name."""
-    yield from proposals.of_groups(found, names, proposals.without_repeat, _text)
-
-
-def _text(found: Found, files: Sequence[str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "ball_drop"  # laser readings of a fall
 laser = {proposals.listed(files)}

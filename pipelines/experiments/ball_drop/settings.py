@@ -1,22 +1,11 @@
 """Settings of a ball drop: repeated drops of one sphere from one height, measured by laser."""
 
-from datetime import date
 from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length
-from pipelines.experiments.shared.settings import (
-    DropModel,
-    Flat,
-    Keyence,
-    Plate,
-    Recorded,
-    Sensor,
-    Sphere,
-    Table,
-    refuse_two_plates,
-)
+from pipelines.experiments.shared.settings import DropModel, Flat, OfLaser, Plate, Sphere, Table
 
 
 class Analysis(Table, frozen=True, kw_only=True):
@@ -31,29 +20,16 @@ class Analysis(Table, frozen=True, kw_only=True):
     contact: Literal["polymer", "any"] = "polymer"
 
 
-class BallDrop(Recorded, frozen=True, kw_only=True):
-    """One sphere, one height, one or more recordings of the laser.
-
-    ``counter_body`` is the flat on which it falls.
-    ``measured_on`` is the day of the measurement, for the validity of the calibration record;
-    it is needed where the laser's files carry no date.
-    """
+class BallDrop(OfLaser, frozen=True, kw_only=True):
+    """One sphere, one height, one or more recordings of the laser."""
 
     alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["ball_drop"]
     laser: Annotated[list[File], msgspec.Meta(min_length=1)]  #: recordings, one for each repeat
-    calibration: File  #: calibration record of the laser
     height: Annotated[Length, POSITIVE]  #: fall from release to first touch
     sphere: Sphere  #: the falling body
     counter_body: Flat = "sapphire"  #: the flat on which it falls
-    measured_on: date | None = None  #: day of the measurement
-    keyence: Keyence = Keyence()  #: what the laser's files lack
-    sensor: Sensor = Sensor()  #: output and direction of the laser
     analysis: Analysis = Analysis()  #: how displacement becomes bounces
     model: DropModel = DropModel()  #: the simulation
     plate: Plate | None = None  #: the plate under the sphere, if it vibrates
     plate_from: ExperimentName | None = None  #: plate vibration that measured the plate
-
-    def __post_init__(self) -> None:
-        """Refuse two plates."""
-        refuse_two_plates(self.plate, self.plate_from)

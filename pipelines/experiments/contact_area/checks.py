@@ -1,6 +1,5 @@
 """Checks of a film of a contact: its frames and light, fringes, contacts, radius, duration, flights, and order."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -18,16 +17,7 @@ from pipelines.experiments.contact_area.measured import READ, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
-from pipelines.experiments.shared.film_checks import (
-    LONGER,
-    exposed,
-    exposure_stated,
-    frame_times,
-    in_order,
-    no_copies,
-    of_film,
-    wrong_rate,
-)
+from pipelines.experiments.shared.film_checks import LONGER, exposed, exposure_stated, of_film, of_frames, wrong_rate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
@@ -100,14 +90,16 @@ def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, settings: Contact
     yield exposure_stated(radius, film, settings.exposure)
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
     inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
-    yield frame_times(film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
-    yield no_copies(film, frame, np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
+    moves = np.any([np.zeros(time.size - 1, bool), *inside], axis=0)
+    # of a repeated image the same centre is found, which noise would move
+    alike = [np.abs(np.diff(radius[c])) < 1e-3 * radius[f"u_{c}"].values[1:] for c in ("centre_x", "centre_y")]
+    is_copy = touches[1:] & (np.diff(frame) == 1) & np.all(alike, axis=0)
     # the area goes with the depth and so is smooth where a contact begins
     a, u = radius["radius"].values, radius["u_radius"].values
     measured = touches & np.isfinite(a * u)
     noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
     square = np.where(touches, a**2, np.where(is_sound, 0.0, nan))
-    yield in_order(film, frame, square, noise=noise, time=time, missed=~touches)
+    yield from of_frames(film, frame, time, moves, is_copy, square, noise=noise, missed=~touches)
     level: Level | None = None
     text, cause = f"contact in {100 * touches.mean():.0f} % of the frames", ""
     if longest_run(~touches)[0] < 2:
@@ -146,7 +138,7 @@ def _of_contacts(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
 
     name, known = "place of the contacts", np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
     at = np.flatnonzero(known)
-    if at.size < 2 or "centre_x" not in radius:
+    if at.size < 2:
         yield not_made(name, "contacts in two frames, and their centres")
         return
     x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))

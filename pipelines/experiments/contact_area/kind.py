@@ -38,11 +38,7 @@ _STAGES = (
         rests_on="sphere.material_from plate_from",
     ),
     stage(
-        "contact_area.measured:keys",
-        "file:film radius impacts",
-        _OF_FILM,
-        "select key frames for the page",
-        may_lack="impacts",
+        "contact_area.measured:keys", "file:film radius impacts", _OF_FILM, "key frames of the page", may_lack="impacts"
     ),
     reported("contact_area", "radius impacts model comparison keys"),
 )

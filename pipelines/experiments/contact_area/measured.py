@@ -4,6 +4,7 @@ Each impact is counted from its largest radius (t_p = 0), as in the thesis.
 """
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS
-from pipelines.experiments.shared.film_checks import light_of, repeated, said_by_file
+from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
 STILL = 20e-3  # s of contact after which it is rest, not an impact
@@ -26,11 +27,28 @@ WINDOW = 3e-3  # s around the largest radius in which film and model are compare
 FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
 """Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: by fringes, by the edge of the spot,
 by fringes of a gap that is wider than Hertz's."""
-_LEAST_REGION = 32  # px: below it no contact with a ring would fit
-_GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
-_MISSED = 2  # frames without contact within one: a flight lasts longer
-_BRIEF = 0.3  # an impact lasts at least this share of what is usual: slower ones last longer
-_RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How contacts are told apart in a film, and their largest radius found; px, frames.
+
+    ``fits``: frames on either side of the largest and degree of the polynomial through them, the best first. In
+    simulated impacts of four polymers at 10,000 frames a second five frames and degree 2, 3 lie 0.06, 0.03 % low (worst
+    0.16, 0.10), seven and degree 4 0.01 % high (worst 0.09); noise of 1 µm scatters all of them by 0.07 to 0.08 %.
+    """
+
+    least_region: int = 32  # below it no contact with a ring would fit
+    gap: float = 4.0  # usual intervals between two frames that end a contact even when both see one
+    missed: int = 2  # without contact within one: a flight lasts longer
+    brief: float = 0.3  # of the usual length that an impact has at least: slower ones last longer
+    resolved: int = 3  # of an impact, from which single frames elsewhere are not impacts
+    fits: tuple[tuple[int, int], ...] = ((3, 4), (2, 3), (1, 2))
+    chance: float = 0.1  # of the steps between the frames at the largest, what a single fit leaves open
+    beside: int = 3  # before and after an impact, which show that there is no contact
+
+
+_READING = Reading()
 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
@@ -52,7 +70,6 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         u_sphere_radius=sphere.u,
         u_wavelength=0.0 if light is None else light.u,
     )
-    read = np.isin(found["method"].values, READ) & found["in_contact"].values.astype(bool)
     found = found.assign_coords(time=variable("frame", source.time, "s", "time in the film"))
     found["centre_x"].values += columns.start
     found["centre_y"].values += rows.start
@@ -60,7 +77,6 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         scale_budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
-        repeated=json.dumps(repeated(seen, read)),
         light=light_of(seen),
         said_by_file=said_by_file(source),
     )
@@ -78,8 +94,8 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
         text = f"{part} reaches beyond {seen}{swapped}; give px of the images, x to the right and y down"
         raise InputError(text).because("region")
     begin, end = np.floor(low).astype(int), np.minimum(np.ceil(high) + 1, size).astype(int)
-    if settings.region is not None and (end - begin).min() < _LEAST_REGION:
-        least = f"less than {_LEAST_REGION} px wide or high"
+    if settings.region is not None and (end - begin).min() < _READING.least_region:
+        least = f"less than {_READING.least_region} px wide or high"
         raise InputError(f"{part} of {seen}, is {least}; draw it around the contact with its rings")
     return slice(int(begin[1]), int(end[1])), slice(int(begin[0]), int(end[0]))
 
@@ -89,11 +105,10 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
     unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros_like(seen)
-    runs = _contacts(time, seen, unknown)
+    runs, brief = _contacts(time, a, seen, unknown)
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
-    brief = _brief_contacts(time, a, runs)[:IMPACTS]
-    shared = radius["radius_systematic"].values / a
+    brief, shared = brief[:IMPACTS], radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
     peaks = [(*peak_of(time[run], a[run], u[run]), time[run[0]], time[run[-1]]) for run in brief]
     when, largest, own, sampling, first, last = np.array(peaks).reshape(-1, 6).T
@@ -120,34 +135,23 @@ def edges_only(radius: xr.Dataset) -> tuple[int, int]:
     return int(np.sum(method == EDGE)), int(np.isin(method, (FRINGE_FIT, OPEN_GAP)).sum())
 
 
-def _contacts(time: Floats, is_seen: Flags, is_unknown: Flags) -> list[Integers]:
-    """Group the frames with contact into contacts; damaged frames do not part them."""
+def _contacts(time: Floats, a: Floats, is_seen: Flags, is_unknown: Flags) -> tuple[list[Integers], list[Integers]]:
+    """Group the frames with contact, which damaged frames do not part; return all contacts, and those that are impacts.
+
+    An impact is neither rest nor a frame mistaken for a contact.
+    """
     seen = np.flatnonzero(is_seen)
-    if not len(seen):
-        return []
     usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     late, missed = np.diff(time[seen]), np.diff(np.cumsum(~(is_seen | is_unknown))[seen])
-    is_new = (missed > _MISSED) | (late > max(_GAP * usual, STILL / 2))
-    is_new |= (missed > 0) & (late > (_MISSED + 1.5) * usual)
-    return np.split(seen, np.flatnonzero(is_new) + 1)
-
-
-def _brief_contacts(time: Floats, a: Floats, runs: list[Integers]) -> list[Integers]:
-    """Return contacts that are impacts: neither rest nor a frame mistaken for a contact."""
+    is_new = (missed > _READING.missed) | (late > max(_READING.gap * usual, STILL / 2))
+    is_new |= (missed > 0) & (late > (_READING.missed + 1.5) * usual)
+    runs = np.split(seen, np.flatnonzero(is_new) + 1) if len(seen) else []
     brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
-    if max(map(len, brief), default=0) >= _RESOLVED:
+    if max(map(len, brief), default=0) >= _READING.resolved:
         brief = [run for run in brief if len(run) > 1]
-    least = _BRIEF * float(np.median([np.ptp(time[run]) for run in brief])) if brief else 0.0
+    least = _READING.brief * float(np.median([np.ptp(time[run]) for run in brief])) if brief else 0.0
     around = [time[[max(run[0] - 1, 0), min(run[-1] + 1, len(time) - 1)]] for run in brief]
-    return [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
-
-
-# Frames on either side of the largest and degree of the polynomial through them, the best first. In
-# simulated impacts of four polymers at 10,000 frames a second five frames and degree 2, 3 lie 0.06,
-# 0.03 % low (worst 0.16, 0.10), seven and degree 4 0.01 % high (worst 0.09); noise of 1 µm scatters
-# all of them by 0.07 to 0.08 %.
-_FITS = ((3, 4), (2, 3), (1, 2))
-_CHANCE = 0.1  # of the steps between the frames at the largest, what a single fit leaves open
+    return runs, [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
 
 
 def peak_of(time: Floats, a: Floats, u: Floats) -> tuple[float, float, float, float]:
@@ -160,7 +164,7 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> tuple[float, float, float, fl
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
     top, n, found = int(np.argmax(a)), len(a), []
-    for by, degree in (fit for fit in _FITS if n > 2 * fit[0]):
+    for by, degree in (fit for fit in _READING.fits if n > 2 * fit[0]):
         # where frames beside the largest are missing, the nearest, wherever they are
         low = max(0, min(top - by, n - 2 * by - 1))
         x, near, own = (values[low : low + 2 * by + 1] for values in (time - time[top], a, u))
@@ -173,20 +177,27 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> tuple[float, float, float, fl
             scatter = float(np.sqrt(np.sum(rest**2) / max(2 * by - degree, 1)))
             found.append((time[top] + place, float(np.sqrt(square(place))), max(float(u[top]), scatter)))
     # of a single frame the steps to its neighbours; a fit may cross the next one by chance
-    least = (1.0, _CHANCE, 0.0)[min(len(found), 2)] * float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
+    left_open = (1.0, _READING.chance, 0.0)[min(len(found), 2)]
+    least = left_open * float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
     alone = (time[top], float(a[top]), float(u[top]))
     best, lower = [*found, alone, alone][:2]
     return *best, max(abs(best[1] - lower[1]) / np.sqrt(3.0), least)
 
 
-_NEIGHBOURS = 3  # frames before and after an impact, which show that there is no contact
-
-
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
-    """Copy frames with the fitted circles: those of the impacts, and at rest; without impacts, all over."""
-    sound = np.flatnonzero(radius["valid"].values).tolist()
-    near = thinned(sound, ()) if impacts is None else _of_impacts(radius, impacts)
-    found = key_frames(film_of(film, settings), radius["frame"].values[near])
+    """Copy frames with the fitted circles: those of the impacts and beside, and at rest; without impacts, all over."""
+    around, always = set(np.flatnonzero(radius["valid"].values).tolist()), set[int]()
+    if impacts is not None:
+        time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
+        events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
+        at = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]
+        always, rest = set(at.ravel().tolist()), int(contacts[-1])
+        first, last = np.maximum(at[0] - _READING.beside, 0), np.minimum(at[-1] + _READING.beside + 1, time.size)
+        around = {i for ends in zip(first.tolist(), last.tolist(), strict=True) for i in range(*ends)}
+        if np.isfinite(float(impacts["static_radius"])):
+            always.add(rest)
+            around = {i for i in around if i < rest}
+    found = key_frames(film_of(film, settings), radius["frame"].values[thinned(around, always)])
     return with_circles(found, radius.sel(frame=found["frame"].values))
 
 
@@ -205,16 +216,3 @@ def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
         keys[name] = variable("key", values.values, units, text)
     u = np.hypot(at["u_radius"].values, at["radius_systematic"].values)
     return keys.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
-
-
-def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:
-    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds."""
-    time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
-    events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
-    always = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]
-    around = {i for a, _, b in always.T for i in range(max(a - _NEIGHBOURS, 0), min(b + _NEIGHBOURS + 1, time.size))}
-    chosen, rest = set(always.ravel().tolist()), int(contacts[-1])
-    if np.isfinite(float(impacts["static_radius"])):
-        chosen.add(rest)
-        around = {i for i in around if i < rest}
-    return thinned(around, chosen)

@@ -1,6 +1,5 @@
 """The drop simulated, with the uncertainty of its largest radius."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,7 @@ from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
 from pipelines.experiments.shared.drop_model import simulated_drop
-from pipelines.experiments.shared.material_choice import Variation, resolve, variations
-
-_STEP = 2e-5  # s, spacing of the model's curve
+from pipelines.experiments.shared.material_choice import resolve, variations
 
 
 def model(
@@ -30,8 +27,9 @@ def model(
     *,
     settings: ContactArea,
     full: bool = False,
+    step: float = 2e-5,
 ) -> xr.Dataset:
-    """Simulate the drop for as long as the film lasts after its first contact.
+    """Simulate the drop for as long as the film lasts after its first contact, a point of the curve each ``step`` [s].
 
     ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
     """
@@ -40,15 +38,25 @@ def model(
     begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
     duration = fall + float(radius["time"][-1]) - begun + 2 * WINDOW
     of = "peak_contact_radius"
-    made = simulated_drop(settings, *sources, duration, _STEP, followed=IMPACTS, of_budget=of, full=full)
+    made = simulated_drop(settings, *sources, duration, step, followed=IMPACTS, of_budget=of, full=full)
     solid = resolve(sphere, material_file, fitted)
-    first = float(made["contact_duration"][0]) if made.sizes["impact"] else _STEP
+    first = float(made["contact_duration"][0]) if made.sizes["impact"] else step
     made = _with_edge(made, solid, radius, settings)
+    flat, factor = counter_compliance(counter_body_of(settings.counter_body)), 1 - float(solid.nu) ** 2
+    weight = sphere.mass.value * settings.model.gravity.value
+    known = [Source.of(of, q, 1.0 / (3.0 * q.value)) for of, q in (("radius", sphere.radius), ("mass", sphere.mass))]
     for name, time in (("brief", first), ("lasting", duration - fall)):
-        # a glass never relaxes in a film: its limits at rest are those of the times that the film shows
+        # a glass never relaxes in a film: its limits at rest, a ~ (R m J)^(1/3), are those of the times that it shows
+        whole, parts = factor * float(solid.creep(time)) + flat, list(known)
+        for of, (q, by, other) in variations(sphere, material_file, fitted, (time, time)).items():
+            changed = (factor * float(other.creep(time)) + flat) / whole
+            parts.append(Source.of(of, q, float(np.log(changed)) / (3.0 * by)))
+        moduli = modulus_of(settings.counter_body).items()
+        parts += [Source.of(of, E, -flat / (3.0 * whole * E.value)) for of, E in moduli]
+        at_rest = float(hertz.static_load(weight, sphere.radius.value, 1.0 / whole).contact_radius)
         text = f"Hertz radius under the weight after a creep of {time:.2g} s"
-        at_rest = _at_rest(settings, variations(sphere, material_file, fitted, (time, time)), solid, time)
-        made = made.assign(with_u(f"static_radius_{name}", (), *at_rest, "m", text))
+        u = combined_uncertainty(parts) * at_rest
+        made = made.assign(with_u(f"static_radius_{name}", (), at_rest, u, "m", text))
     return made
 
 
@@ -65,18 +73,3 @@ def _with_edge(made: xr.Dataset, solid: Prony, radius: xr.Dataset, settings: Con
         beyond = edge_shift(largest, settings.sphere.radius.value, reduced, stated, u_stated, wavelength, is_spot)
     text = "distance of the edge of an adhesive contact from the Hertz-equivalent radius, at its largest"
     return made.assign(with_u("adhesion_shift", "impact", *beyond, "m", text))
-
-
-def _at_rest(settings: ContactArea, found: Mapping[str, Variation], solid: Prony, time: float) -> tuple[float, float]:
-    """Return Hertz's radius [m] under the weight after a creep of some time [s], with its u: a ~ (R m J)^(1/3)."""
-    radius, mass = settings.sphere.radius, settings.sphere.mass
-    flat, factor = counter_compliance(counter_body_of(settings.counter_body)), 1 - float(solid.nu) ** 2
-    whole = factor * float(solid.creep(time)) + flat
-    at_rest = hertz.static_load(mass.value * settings.model.gravity.value, radius.value, 1.0 / whole).contact_radius
-    sources = [Source.of(name, q, 1.0 / (3.0 * q.value)) for name, q in (("radius", radius), ("mass", mass))]
-    for name, (q, step, other) in found.items():
-        changed = (factor * float(other.creep(time)) + flat) / whole
-        sources.append(Source.of(name, q, float(np.log(changed)) / (3.0 * step)))
-    for name, E in modulus_of(settings.counter_body).items():
-        sources.append(Source.of(name, E, -flat / (3.0 * whole * E.value)))
-    return float(at_rest), combined_uncertainty(sources) * float(at_rest)

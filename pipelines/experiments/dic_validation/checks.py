@@ -17,7 +17,7 @@ from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
-from pipelines.experiments.shared.film_checks import frame_times, in_order, no_copies, of_film, wrong_rate
+from pipelines.experiments.shared.film_checks import LONGER, of_film, of_frames, wrong_rate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.record_checks import break_in, longest_run
@@ -26,7 +26,6 @@ _GRAVITY = Quantity(9.81, 0.0, "m/s2")
 _BETWEEN_DAYS = 0.01
 """Relative difference of two drops from one height, set anew on another day."""
 _FOUND = 0.9  # of the frames in which the holder should be found
-_STEP = 0.02  # of the usual interval between frames, by which others may differ
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
@@ -63,8 +62,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        checks += _of_frames(track, settings)
-    checks += given.each((_times, _fall))
+        checks += _of_frames(track, given.get("bounces"), settings)
+    checks += given.each([_fall])
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings, laser)), given.each([rows]), basis=basis, unstated=another)
@@ -92,57 +91,46 @@ def _fall(
     ]
 
 
-def _of_frames(track: xr.Dataset, settings: DicValidation) -> Iterator[Check]:
-    """Evaluate the frames of the film, their light and order."""
+def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Iterator[Check]:
+    """Evaluate the view of the film, and the order of its frames."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     yield Check(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
-    yield from _unbroken(track, film)
-    # a frame that shows the holder exactly as the one before, within the tolerance of the solver
-    limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
-    same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
-    yield no_copies(film, frame, same & (np.diff(frame) == 1))
-    yield in_order(film, frame, of_body["dy"].values)
-
-
-def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Check:
-    time = motion["time"].values
-    begin, end, steps = time[:-1], time[1:], np.diff(time)
-    if bounces is None:  # after rest only every eighth frame is read
-        is_even = np.abs(steps - np.median(steps)) < _STEP * np.median(steps)
-        moves = np.arange(begin.size) < np.flatnonzero(is_even).max(initial=0)
-    else:
-        moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
-    return frame_times(settings.film, np.arange(time.size), time, moves)
-
-
-def _unbroken(track: xr.Dataset, film: str) -> Iterator[Check]:
-    """Look for a size and a place of the holder's image that jump between two frames."""
     count, first = longest_run(np.diff(track["frame"].values) == 1)
-    body = track.isel(point=0, frame=slice(first, first + count + 1))
-    size, place = 0.5 * (body["stretch_x"].values + body["stretch_y"].values), body["dy"].values
+    steady = track.isel(point=0, frame=slice(first, first + count + 1))
+    size, place = 0.5 * (steady["stretch_x"].values + steady["stretch_y"].values), steady["dy"].values
     zoomed = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
     zoomed += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     knocked = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
-    # a view that has changed stays so, a frame that is blurred does not
-    for name, values, series, cause in (
-        (SIZE, size, median_filter(size, _STAYS), zoomed),
-        (PLACE, place, place, knocked),
-    ):
-        known = values[np.isfinite(values)]
-        if known.size < _STAYS:
+    for name, values, cause in ((SIZE, size, zoomed), (PLACE, place, knocked)):
+        known = np.isfinite(values)
+        if known.sum() < _STAYS:
             yield not_made(name, "a holder in five frames in a row")
             continue
-        broken = break_in(series, max(estimate_noise(known).sigma, _SOLVED))
+        noise = max(estimate_noise(values[known]).sigma, _SOLVED)
+        if name == SIZE:  # a view that has changed stays so, a frame that is blurred does not
+            values[known] = median_filter(values[known], _STAYS)
+        broken = break_in(values, noise)
         text = f"the {name} does not jump"
         if broken is not None:
-            by, when = broken[1], quantity(float(body["time"][broken[0]]), "s")
+            by, when = broken[1], quantity(float(steady["time"][broken[0]]), "s")
             how = f"{by:+.2g} px" if name == PLACE else f"{100 * by:+.2f} %"
             text = f"the {name} jumps by {how} at {when}"
         yield Check(name, f"{film}: {text}", "doubtful" if broken else None, cause=cause, file=film)
+    # a frame that shows the holder exactly as the one before, within the tolerance of the solver
+    limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
+    same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
+    begin, end = track["time"].values[:-1], track["time"].values[1:]
+    if bounces is None:  # after rest only every eighth frame is read
+        is_even = end - begin < LONGER * np.median(end - begin)
+        moves = np.arange(begin.size) < np.flatnonzero(is_even).max(initial=0)
+    else:
+        moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
+    is_copy = same & (np.diff(frame) == 1)
+    yield from of_frames(film, frame, track["time"].values, moves, is_copy, of_body["dy"].values)
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:

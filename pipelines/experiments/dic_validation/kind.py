@@ -13,21 +13,12 @@ _STAGES = (
         shortcuts=True,
         imports="labpipe.imaging.dic._tracker labpipe.compilation",
     ),
-    stage(
-        "dic_validation.measured:motion",
-        "track file:camera",
-        "view measured_on camera_tilt",
-        "pixels to metres, with uncertainty",
-    ),
+    stage("dic_validation.measured:motion", "track file:camera", "view measured_on camera_tilt", "pixels to metres"),
     stage(
         "dic_validation.measured:bounces", "motion", "", "find release, contacts, bounces and rest", schema="bounces"
     ),
     stage(
-        "dic_validation.measured:velocity",
-        "motion bounces",
-        "",
-        "differentiate, without smoothing the impacts",
-        schema="velocity",
+        "dic_validation.measured:velocity", "motion bounces", "", "differentiate, keeping impacts", schema="velocity"
     ),
     stage(
         "dic_validation.measured:keys",

@@ -7,6 +7,7 @@ is the result; the others are the line of small subsets of the thesis.
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,18 +27,26 @@ from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
-_LARGEST_BODY = 201  # px; its noise is a thousandth of a pixel, and larger ones cost more
-_MOST_STATIC = 64  # frames in the reference: noise within 1 % of that of endless many
-_MOVING = 1.1  # ratio of difference images to noise at which something moves (about 0.05 px)
-_MARGIN = 0.8  # of the frames found still that are used
-_EVERY = 8  # frames: the coarse pass, and what is read after rest
-_AT_REST = 0.05  # px from the last level, within which the holder is at rest
-_AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
-LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
-STRAIGHT = math.radians(30.0)
-"""Largest angle of the motion to the columns that is taken for a turned camera."""
 _ACROSS = ("displacement_x", "displacement_y", "u_displacement_x", "u_displacement_y")
-_CLEAR = 50.0  # standard uncertainties of a travel whose direction is determined
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How a film is read, and which motion is known; px, frames, rad."""
+
+    largest_body: int = 201  # its noise is a thousandth of a pixel, and larger ones cost more
+    most_static: int = 64  # in the reference: noise within 1 % of that of endless many
+    moving: float = 1.1  # ratio of difference images to noise at which something moves (about 0.05 px)
+    margin: float = 0.8  # of the frames found still that are used
+    every: int = 8  # the coarse pass, and what is read after rest
+    at_rest: float = 0.05  # from the last level, within which the holder is at rest
+    after_rest: int = 40  # read one by one after the coarse pass sees rest
+    least: float = 0.5  # of the frames: a holder that is found in fewer has no motion
+    straight: float = math.radians(30.0)  # largest angle to the columns that is taken for a turned camera
+    clear: float = 50.0  # standard uncertainties of a travel whose direction is determined
+
+
+_READING = Reading()
 
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
@@ -61,7 +70,7 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
     """Return the body's centre and the points of the line, with their subsets."""
     _, rows, columns = source.shape
-    width = chosen.body_subset or min(_LARGEST_BODY, rows // 3, columns // 2)
+    width = chosen.body_subset or min(_READING.largest_body, rows // 3, columns // 2)
     width += 1 - width % 2
     body = chosen.body or (0.5 * (columns - 1), max(0.25 * rows, width / 2 + 2))
     points, subsets = [(float(body[0]), float(body[1]))], [width]
@@ -84,17 +93,17 @@ def _static_frames(source: FrameSource, centre: tuple[float, float], width: int)
     """Count the frames before the motion, by the growth of the difference from the first."""
     left, top = (max(0, round(c) - width // 2) for c in centre)
     part = source.roi(slice(top, top + width), slice(left, left + width))
-    sound = np.flatnonzero(source.valid)[: round(_MOST_STATIC / _MARGIN) + 1]
+    sound = np.flatnonzero(source.valid)[: round(_READING.most_static / _READING.margin) + 1]
     if len(sound) < 3:
         return 1
     images = np.stack([part[int(i)] for i in sound]).astype(float)
     # the light may drift; its mean is not motion
     images *= images[0].mean() / np.maximum(images.mean(axis=(1, 2), keepdims=True), 1e-9)
     apart = np.std(images[1:] - images[0], axis=(1, 2))
-    moving = np.flatnonzero(apart > _MOVING * np.minimum.accumulate(apart) + 1e-9)
+    moving = np.flatnonzero(apart > _READING.moving * np.minimum.accumulate(apart) + 1e-9)
     if moving.size:
-        return max(1, int(_MARGIN * (moving[0] + 1)))
-    return min(_MOST_STATIC, int(_MARGIN * len(sound)) or 1)
+        return max(1, int(_READING.margin * (moving[0] + 1)))
+    return min(_READING.most_static, int(_READING.margin * len(sound)) or 1)
 
 
 def _worth_reading(
@@ -102,16 +111,16 @@ def _worth_reading(
 ) -> tuple[dict[str, int], NDArray[np.int64]]:
     """Find rest in a coarse pass over the body alone; thin out the frames that follow."""
     count = len(source)
-    coarse = np.unique(np.concatenate([np.arange(0, count, _EVERY), [count - 1]]))
-    if len(coarse) < 4 or count < 4 * _AFTER_REST:
+    coarse = np.unique(np.concatenate([np.arange(0, count, _READING.every), [count - 1]]))
+    if len(coarse) < 4 or count < 4 * _READING.after_rest:
         return {}, np.arange(count)
     found = imaging.track(source, body, select=coarse, **{**options, "order": 3})
     level = found["dy"].values[:, 0]
     if not np.isfinite(level[-1]):
         return json.loads(found.attrs["work"]), np.arange(count)
-    moving = np.flatnonzero(~(np.abs(level - level[-1]) < _AT_REST))
+    moving = np.flatnonzero(~(np.abs(level - level[-1]) < _READING.at_rest))
     last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
-    dense = np.arange(min(count, max(last + _AFTER_REST, static)))
+    dense = np.arange(min(count, max(last + _READING.after_rest, static)))
     return json.loads(found.attrs["work"]), np.union1d(dense, coarse)
 
 
@@ -128,7 +137,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     moved = camera_scale.motion(track, known, view=settings.view, measured=settings.measured_on)
     body = moved.isel(point=0)
     share = float(body["valid"].mean())
-    if share < LOST:
+    if share < _READING.least:
         lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
         raise InputError(
             f"the holder was found in {100 * share:.0f} % of the frames only (others: {lost[np.argmax(times)]}); give "
@@ -136,7 +145,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
             "masks (tracking.regions, covers, obstructions) leave free"
         )
     direction, u_direction = _direction(body)
-    turn, tilt = direction if abs(direction) < STRAIGHT else 0.0, settings.camera_tilt
+    turn, tilt = direction if abs(direction) < _READING.straight else 0.0, settings.camera_tilt
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
     x, y, u_x, u_y = (body[name].values for name in _ACROSS)
     along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
@@ -168,7 +177,7 @@ def _direction(body: xr.Dataset) -> tuple[float, float]:
     x, y, u_x, u_y = (body[name].values for name in _ACROSS)
     away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
     far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))
-    if far.size < 4 or np.nanmax(away) < _CLEAR * np.nanmedian(noise):
+    if far.size < 4 or np.nanmax(away) < _READING.clear * np.nanmedian(noise):
         return math.nan, math.nan
     x, y, weight = x[far], y[far], away[far] * np.sign(y[far])
     direction = math.atan2(float(weight @ x), float(weight @ y))

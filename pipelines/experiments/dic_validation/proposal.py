@@ -1,9 +1,8 @@
 """Proposals of ``init``: films not taken from under the disc."""
 
 import re
-from collections.abc import Iterator, Sequence
 
-from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments._kind import Found
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.record_templates import head, is_exported
 
@@ -11,13 +10,11 @@ _GUESSED = 'a guess: the name tells no view; a film through the disc is of kind 
 _NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)
 
 
-def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+@proposals.of_groups(
+    proposals.whole_stem, lambda found, names: [n for n in names if _NAMED.search(n) or not is_exported(found, n)]
+)
+def proposed(found: Found, files: list[str], name: str) -> str:
     """Propose an experiment for every film; for exported images only where their name says so."""
-    ours = [name for name in names if _NAMED.search(name) or not is_exported(found, name)]
-    yield from proposals.of_groups(found, ours, proposals.whole_stem, _text)
-
-
-def _text(found: Found, files: Sequence[str], name: str) -> str:
     why = {} if _NAMED.search(files[0]) else {"why": _GUESSED}
     return f"""{head(found, files[0], "dic_validation", name, **why)}
 # laser_experiment = "NAME"  # the ball drop whose laser saw the same motion

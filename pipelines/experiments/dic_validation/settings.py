@@ -1,14 +1,13 @@
 """Settings of a validation of the camera: a film of a drop against the laser's drops."""
 
 import math
-from datetime import date
 from typing import Annotated, Literal
 
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, Angle, ExperimentName, File, Frequency, Range
-from pipelines.experiments.shared.settings import Recorded, Table
+from labpipe.workflow.fields import Angle, ExperimentName, Range
+from pipelines.experiments.shared.settings import OfCamera, Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
 Place = Annotated[tuple[Pixel, Pixel], msgspec.Meta(description="a place [x, y] in px")]
@@ -49,22 +48,15 @@ class Tracking(Table, frozen=True, kw_only=True):
         return {name: polygons for name, polygons in stated.items() if polygons}
 
 
-class DicValidation(Recorded, frozen=True, kw_only=True):
+class DicValidation(OfCamera, frozen=True, kw_only=True):
     """A film of the holder, and the ball drop whose laser saw the same motion another day.
 
-    ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for exported images, which
-    hold no time, and ``channel`` for those in colour. ``camera_tilt`` is the angle by which the camera looks up or down
-    at the motion, whose lengths it sees shortened by the cosine; set up by eye it is 0 within 5°. ``measured_on`` is
-    the day of the film, for the validity of the record; by default that of its trigger.
+    ``camera_tilt`` is the angle by which the camera looks up or down at the motion, whose lengths it sees shortened by
+    the cosine; set up by eye it is 0 within 5°.
     """
 
     kind: Literal["dic_validation"]
-    film: File  #: the film
-    camera: File  #: calibration record of the camera
-    view: str = "front"
+    view: str = "front"  #: the record's view
     laser_experiment: ExperimentName | None = None  #: ball drop whose laser saw the same motion
-    measured_on: date | None = None  #: day of the film
-    frame_rate: Annotated[Frequency, POSITIVE] | None = None  #: of exported images, which hold no time
-    channel: Literal["red", "green", "blue"] | None = None  #: colour that is used
     camera_tilt: Annotated[Angle, Range(at_least=-1.0, at_most=1.0)] = Quantity(0.0, math.radians(5.0) / 3**0.5, "rad")
     tracking: Tracking = Tracking()  #: which points are followed

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import median_filter
 
 from labpipe.arrays import Floats
 from labpipe.judging import DOUBTFUL, Check, Level, bounded, doubtful_among, in_words, not_made
@@ -25,7 +26,6 @@ from pipelines.experiments.shared.judgements import Scene, Title
 _POLYMERS = (3e4, 5e10)  # Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
 _FEWEST = 3  # sweeps of a part of them, or to either side of one
-_DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
 _LABEL, _CLAMP = "temperature by the shifts", "sweeps of one specimen"
 _PLACE = (("temperature", "degC"), ("frequency", "Hz"))
 _EXCHANGED = "the columns of storage and loss modulus are exchanged"
@@ -104,42 +104,32 @@ def judgement(
     named = zip(settings.rheometer, readings, strict=False)
     exports = [Export.of(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
     exports = [export for export in exports if export.data.sizes["sample"]]
-    checks = [*judgements.failed_steps(context, _FAILED), _poissons_ratio(settings)]
-    checks += [check for export in exports for of in (_headings, _moduli, _temperatures) for check in of(export)]
+    checks = [*judgements.failed_steps(context, _FAILED), *_settings(exports, settings)]
+    checks += [check for export in exports for of in (_moduli, _temperatures) for check in of(export)]
     checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality, _clamped)]
     every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
-    checks += [_softening(every), *_one_specimen(every, 2 * settings.sweeps.tolerance)]
+    checks += [_softening(every), *_one_specimen(exports, 2 * settings.sweeps.tolerance)]
     return Scene([*checks, _by_shifts(master_curve, every, settings.sweeps.tolerance), _superposition(master_curve)])
 
 
-def _poissons_ratio(settings: Dma) -> Check:
+def _settings(exports: Sequence[Export], settings: Dma) -> Iterator[Check]:
+    """Compare Poisson's ratio with that of polymers, and the mode of loading with the columns."""
     nu, cause = settings.nu, ""
     if 0.25 <= 10 * nu.value <= 0.5:
         cause = f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped"
     message, u = f"nu = {nu.value:g}, polymers have 0.2 to 0.5", max(nu.u, 1e-3)
-    return bounded("Poisson's ratio", message, nu.value, u, at_least=0.2, is_law=False, setting="nu", cause=cause)
-
-
-def _headings(export: Export) -> Iterator[Check]:
-    """Repeat the reader's remark on rows and cells that are missing, and compare the mode with the columns."""
-    missing = json.loads(str(export.data.attrs.get("cut", "[]")))
-    whole = export.seen("whole file", f"{export.name}: nothing is missing")
-    if missing:
-        line, text = missing[0]
-        text += f"; {len(missing)} such intervals" * (len(missing) > 1)
-        cause = "the test was stopped, or the file was cut: copy it again from the rheometer"
-        whole = replace(export.seen("whole file", f"{export.name}: {text}", "doubtful", cause), line=line)
-    yield whole
-    name, settings, (seen, heading) = "mode of loading", export.settings, loading_of(export.data)
-    if not seen:
-        yield not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
-        return
-    should = "torsion or shear" if seen == "shear" else "tension or bending"
-    message = f'{export.name} has a column "{heading}", session.toml says mode = "{settings.mode}"'
-    factor = in_words(2 * (1 + settings.nu.value))
-    cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor} off"
-    level: Level | None = "doubtful" if (seen == "shear") != settings.is_shear else None
-    yield Check(name, message, level, cause=cause, setting="mode")
+    yield bounded("Poisson's ratio", message, nu.value, u, at_least=0.2, is_law=False, setting="nu", cause=cause)
+    name = "mode of loading"
+    for export in exports:
+        seen, heading = loading_of(export.data)
+        if not seen:
+            yield not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
+            continue
+        message = f'{export.name} has a column "{heading}", session.toml says mode = "{settings.mode}"'
+        should, factor = "torsion or shear" if seen == "shear" else "tension or bending", in_words(2 * (1 + nu.value))
+        cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor} off"
+        is_other = (seen == "shear") != settings.is_shear
+        yield Check(name, message, "doubtful" if is_other else None, cause=cause, setting="mode")
 
 
 def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
@@ -161,21 +151,32 @@ def _redundant(export: Export, name: str, seen: Floats, expected: Floats, cause:
     seen, expected = seen[known], expected[known]
     gap = np.log(seen / expected)
     middle, at = float(np.median(gap)), int(np.argmax(np.abs(gap)))
-    said = f"{name} of {{:.3g}}, by the other columns {{:.3g}}"
+
+    def said(one: float, other: float) -> str:
+        return f"{name} of {in_words(one)}, by the other columns {in_words(other)}"
+
     if abs(middle) > 0.5 * log(2.0):  # nearer to a factor of two than to one
         times = f"{cause}: a factor {_power_of_ten(float(np.exp(middle)))}"
         is_inverse = float(np.median(np.abs(np.log(seen * expected)))) < 0.02
-        text = f"{export.name}: {said.format(np.median(seen), np.median(expected))} (medians)"
+        text = f"{export.name}: {said(float(np.median(seen)), float(np.median(expected)))} (medians)"
         return export.seen(name, text, "impossible", _EXCHANGED if is_inverse else times)
     if abs(gap[at]) > rounding:
         row = [quantity(float(export.values(of)[known][at]), si) for of, si in _PLACE]
-        text = f"{export.name}, {' and '.join(row)}: {said.format(seen[at], expected[at])}"
+        text = f"{export.name}, {' and '.join(row)}: {said(seen[at], expected[at])}"
         return export.seen(name, text, "doubtful", f"a value of this row is mistyped: {name}, or one of the others")
-    return export.seen(name, f"{export.name}: {said.format(np.median(seen), np.median(expected))} (medians)")
+    return export.seen(name, f"{export.name}: {said(float(np.median(seen)), float(np.median(expected)))} (medians)")
 
 
 def _moduli(export: Export) -> Iterator[Check]:
-    """Compare the moduli with zero, the range of polymers, the loss factor, and stress over strain."""
+    """Repeat what a reader misses; compare the moduli with zero, those of polymers, loss factor, stress over strain."""
+    missing = json.loads(str(export.data.attrs.get("cut", "[]")))
+    whole = export.seen("whole file", f"{export.name}: nothing is missing")
+    if missing:
+        line, text = missing[0]
+        text += f"; {len(missing)} such intervals" * (len(missing) > 1)
+        cause = "the test was stopped, or the file was cut: copy it again from the rheometer"
+        whole = replace(export.seen("whole file", f"{export.name}: {text}", "doubtful", cause), line=line)
+    yield whole
     file, storage, loss = export.name, export.values("storage_modulus"), export.values("loss_modulus")
     share, size = float(np.mean((storage <= 0) | (loss <= 0))), np.hypot(storage, loss)
     message = f"{in_words(100 * share, 2)} % of the readings are not positive" if share else "all moduli are positive"
@@ -199,7 +200,7 @@ def _moduli(export: Export) -> Iterator[Check]:
     yield _redundant(export, "loss factor", export.values("loss_factor"), ratio, cause)
     cause, strain = "the unit of the moduli, of stress or of strain is wrong", export.values("strain")
     expected = np.divide(export.values("stress"), strain, out=np.zeros_like(strain), where=strain != 0.0)
-    yield _redundant(export, "stress over strain", size, expected, cause, inf)
+    yield _redundant(export, "stress over strain", expected, size, cause, inf)
 
 
 def _frequencies(export: Export) -> Check:
@@ -241,13 +242,10 @@ def _single_values(export: Export) -> Check:
         if values.size < 4 or not (values > 0).all():
             continue
         y = np.log10(values)
-        near = np.lib.stride_tricks.sliding_window_view(np.pad(y, 2, constant_values=np.nan), 5)[:, [0, 1, 3, 4]]
-        gap = y - np.nanmedian(near, axis=1)
-        # a steep end of a sweep, with two neighbours on one side, is no outlier
-        reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (5 - np.isfinite(near).sum(axis=1))
-        gap = np.where(np.abs(gap) > reach, gap, 0.0)
+        gap = y - median_filter(y, 5, mode="mirror")
         at = int(np.argmax(np.abs(gap)))
-        if abs(gap[at]) > max(_DECIMAL, abs(worst)):
+        # nearer to a lost decimal point than to its neighbours; a steep end of a sweep is no outlier
+        if abs(gap[at]) > max(0.5, abs(worst), 2.0 * float(np.median(np.abs(np.diff(y))))):
             frequency = quantity(float(sweep["frequency"].values[at]), "Hz")
             worst, where = float(gap[at]), f"{sweep.attrs['place']}, {frequency}: the {column.replace('_', ' ')}"
     if not export.sweeps:
@@ -374,25 +372,21 @@ def _softening(sweeps: Sequence[xr.Dataset]) -> Check:
     return Check(name, text, level, cause=cause, file=sweeps[at + 1].attrs["file"])
 
 
-def _one_specimen(sweeps: Sequence[xr.Dataset], tolerance: float) -> Iterator[Check]:
+def _one_specimen(exports: Sequence[Export], tolerance: float) -> Iterator[Check]:
     """Compare sweeps of two exports at one temperature, within a tolerance [K]."""
-    name = "files of one specimen"
-    limit = DOUBTFUL * judgements.MEASURED
-    between: dict[tuple[str, str], list[float]] = {}
-    for a, b in combinations(sorted(sweeps, key=lambda one: str(one.attrs["file"])), 2):
-        files = (str(a.attrs["file"]), str(b.attrs["file"]))
-        if files[0] != files[1] and abs(a.attrs["temperature"] - b.attrs["temperature"]) <= tolerance:
-            pair = _common_levels((a, b))
-            if pair is not None:
-                between.setdefault(files, []).append(float(np.median(pair[0] - pair[1])))
-    for (first, second), gaps in between.items():
-        middle, size = float(np.median(gaps)), float(np.max(np.abs(gaps)))
-        text = (
-            f"{first} over {second}: moduli differ by a factor {in_words(10.0**middle)}, up to {in_words(10.0**size)}"
-        )
-        level: Level | None = "impossible" if size > 1.0 else "doubtful" if abs(middle) * log(10.0) > limit else None
-        yield Check(name, text, level, cause=f"{second} is of another material, or has another unit", file=second)
-    if not between:
+    name, is_known = "files of one specimen", False
+    for first, second in combinations(exports, 2):
+        pairs = product(first.sweeps, second.sweeps)
+        near = (pair for pair in pairs if abs(pair[0].attrs["temperature"] - pair[1].attrs["temperature"]) < tolerance)
+        gaps = [float(np.median(both[0] - both[1])) for both in map(_common_levels, near) if both is not None]
+        if gaps:
+            is_known, middle, size = True, float(np.median(gaps)), float(np.max(np.abs(gaps)))
+            text = f"{first.name} over {second.name}: moduli differ by a factor {in_words(10.0**middle)}, up to "
+            text += in_words(10.0**size)
+            is_other = abs(middle) * log(10.0) > DOUBTFUL * judgements.MEASURED
+            level: Level | None = "impossible" if size > 1.0 else "doubtful" if is_other else None
+            yield second.seen(name, text, level, f"{second.name} is of another material, or has another unit")
+    if not is_known:
         yield not_made(name, "isotherms that two files share")
 
 

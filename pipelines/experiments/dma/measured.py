@@ -67,9 +67,9 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     strains = [run["strain"].values for run in readings if "strain" in run]
     if strains and np.isfinite(largest := np.nanmax(np.concatenate(strains))):
         made.attrs["strain"] = float(largest)  # up to which the moduli are known to be those of a linear solid
-    u = {"u_modulus_factor": 2.0 * settings.nu.u if settings.is_shear else 0.0, "u_scale": scale.u / scale.value}
-    u["scale"] = scale.value
-    return made.assign({name: made[name].copy(data=made[name].values * scale.value) for name in moduli}).assign_attrs(u)
+    made = made.assign({name: made[name].copy(data=made[name].values * scale.value) for name in moduli})
+    u_factor = 2.0 * settings.nu.u if settings.is_shear else 0.0
+    return made.assign_attrs(u_modulus_factor=u_factor, u_scale=scale.u / scale.value, scale=scale.value)
 
 
 def _scale(settings: Dma) -> Quantity:

@@ -64,12 +64,9 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
 
 def _law(law: Any) -> dict[str, Any]:
     """Return a shift law as plain numbers; None for a number that it does not have."""
-    entry = {name: getattr(law, name) for name in ("name", "T_ref", "chi_square", "freedom")}
-    entry["parameters"] = list(law.parameters)
-    if law.name == "wlf":
-        entry |= {name: float(getattr(law, name)) for name in ("C1", "u_C1", "C2", "u_C2")}
-    else:
-        entry["activation_energy"] = law.activation_energy
+    own = ("C1", "u_C1", "C2", "u_C2") if law.name == "wlf" else ("activation_energy",)
+    entry = {name: getattr(law, name) for name in ("name", "T_ref", "chi_square", "freedom", "parameters", *own)}
+    if law.name != "wlf":
         entry["u_activation_energy"] = float(np.sqrt(law.covariance[0, 0]))
     return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in entry.items()}
 

@@ -38,7 +38,7 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
         is_isotherm = T is None or float(T.max() - T.min()) <= _ONE
         return (_AT.sub("", whole) or whole) if is_isotherm else whole
 
-    yield from proposals.of_groups(found, tables, stem, partial(_text, tables))
+    yield from proposals.of_groups(stem)(partial(_text, tables))(found, tables)
 
 
 def _text(tables: Mapping[str, xr.Dataset], _: Found, files: Sequence[str], name: str) -> str:

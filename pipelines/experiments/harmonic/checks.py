@@ -20,10 +20,10 @@ _STEPS = ("readings", "loads", "oscillations", "model", "comparison")
 @judgements.judging(*_STEPS, rests_on=("substrate.material_from",), titles=mach1_checks.TITLES)
 def judgement(given: Given, settings: Harmonic, context: Context) -> Scene:
     """Judge one harmonic indentation; a step without a result is judged by its error."""
-    readings, loads, waves, model, compared = map(given.get, _STEPS)
-    inputs = inputs_of(model) | ({} if loads is None else {DELAY: filter_delay(loads)})
-    steps = ([readings], [loads], [waves], [compared])
-    scene = mach1_checks.scene([settings.mach1], steps, inputs, rows, given, settings, context)
+    loads = given.get("loads")
+    inputs = inputs_of(given.get("model")) | ({} if loads is None else {DELAY: filter_delay(loads)})
+    scene = mach1_checks.scene("oscillations", rows, given, settings, context, inputs)
+    waves = given.get("oscillations")
     return scene if waves is None else scene._replace(checks=[*scene.checks, _passive(settings.mach1, waves)])
 
 

@@ -14,7 +14,6 @@ from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 
 _LOOP_POINTS = 200  # over one cycle
-_FEWEST_CYCLES = 2
 _WAVES = 3  # of a Fourier series: the fundamental and two harmonics
 _CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
 COLUMNS = {
@@ -84,10 +83,10 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     window = signals.active_window(time, position, stated if np.isfinite(stated) else None)
     period = 1 / window.frequency
     last = round((window.end - window.start) / period) - 1
-    if last - skip < _FEWEST_CYCLES:
+    if last - skip < 2:  # one cycle has no spread
         raise InputError(
             f"{last + 1} cycles ran, of which the first {skip} are the transient and the last is "
-            f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
+            "cut: fewer than two are left; lower cycles.skip"
         )
     begin, end = window.start + skip * period, window.start + last * period
     interval = float(np.median(np.diff(time)))

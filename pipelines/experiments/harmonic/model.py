@@ -147,23 +147,19 @@ def theory(
             k, u = (oscillations[f"{u}{route}{part}_stiffness"].values for u in ("", "u_"))
             modulus, u = k / per_pascal, np.hypot(u, k * u_contact / per_pascal) / per_pascal
             table |= with_u(f"{route}{part}_modulus", "oscillation", modulus, u, "Pa", f"{part} modulus, {text}")
+    unit_work = 1.0 / dissipation.dimensionless_work(1.0, solid, radius, period, depth)
     for name, values, u, units, text in (
         ("dissipated_work", work, u_work, "J", "dissipated work per cycle, eq. (2.31)"),
         ("tapping_amplitude", front, u_front, "m", "amplitude at which contact is lost, eq. (2.34)"),
+        ("dimensionless_work_measured", seen / unit_work, u_seen / unit_work, "1", "work (2.40), measured"),
+        ("dimensionless_work_theory", work / unit_work, u_work / unit_work, "1", "work (2.40), theory"),
     ):
         table |= with_u(name, "oscillation", values, u, units, text)
-    for name, known in (("measured", (seen, u_seen)), ("theory", (work, u_work))):
-        values, u = (dissipation.dimensionless_work(each, solid, radius, period, depth) for each in known)
-        text = f"work, dimensionless (2.40), {name}"
-        table |= with_u(f"dimensionless_work_{name}", "oscillation", values, u, "1", text)
-    for name, values, text in (
-        ("amplitude", amplitude / radius, "amplitude over R, eq. (2.37)"),
-        ("frequency", frequency * tau, "f tau_0, eq. (2.38)"),
-    ):
-        table[f"dimensionless_{name}"] = variable("oscillation", values, "1", text)
-    scale = float(solid.E_relaxed) * period * depth * radius
+    over_radius, text = amplitude / radius, "amplitude over R, eq. (2.37)"
+    table["dimensionless_amplitude"] = variable("oscillation", over_radius, "1", text)
+    table["dimensionless_frequency"] = variable("oscillation", frequency * tau, "1", "f tau_0, eq. (2.38)")
     table["characteristic_time"] = variable((), float(tau), "s", "characteristic time tau_0")
-    table["work_scale"] = variable((), scale, "J", "scale of the work (2.40)")
+    table["work_scale"] = variable((), unit_work, "J", "scale of the work (2.40)")
     made = xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
     for label, where in (
         ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),

@@ -47,12 +47,7 @@ _STAGES = (
         shortcuts=True,
         imports="labpipe.contact.impact._drop labpipe.compilation",
     ),
-    stage(
-        "plate_vibration.comparison:comparison",
-        "displacement ringing table model",
-        "",
-        "measurement against the fitted plate",
-    ),
+    stage("plate_vibration.comparison:comparison", "displacement ringing table model", "", "measurement against plate"),
     judged("plate_vibration", "readings displacement ringing table plate comparison", rests_on="drops.material_from"),
     reported("plate_vibration", "readings displacement ringing table plate comparison"),
 )

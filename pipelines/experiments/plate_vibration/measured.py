@@ -17,18 +17,21 @@ from labpipe.arrays import Floats
 from labpipe.variables import described, variable, with_u
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 
-LONGEST_IMPACT, SHORTEST_FLIGHT = 4e-3, 15e-3
-"""s; a contact lasts 1 ms, and a sphere from 1.5 mm that keeps half of its speed is back after 17 ms."""
 OF_PLATE = {"natural_frequency": ("Hz", "natural frequency"), "damping_ratio": ("1", "damping ratio")}
 """Unit and name of what all drops have in common."""
 _OF_DROP = OF_PLATE | {"amplitude": ("m", "amplitude at impact")}
 
 
-def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
-    """Fit the free ringing after the first blow."""
+def ringing(
+    displacement: xr.Dataset, *, settings: PlateVibration, impact: float = 4e-3, pause: float = 15e-3
+) -> xr.Dataset:
+    """Fit the free ringing after the first blow, with the longest impact and the shortest pause that are expected [s].
+
+    A contact lasts 1 ms, and a sphere from 1.5 mm that keeps half of its speed is back after 17 ms.
+    """
     del settings
     moved, attrs = displacement["displacement"], displacement.attrs
-    limits = {"longest_impact": LONGEST_IMPACT, "shortest_pause": SHORTEST_FLIGHT}
+    limits = {"longest_impact": impact, "shortest_pause": pause}
     found = signals.ringing(moved["time"].values, moved.values, noise=float(attrs["noise"]), **limits)
     made = with_u("blow_time", (), found.blow_time, found.u_blow_time, "s", "time of impact")
     us = (found.fit.u_frequency, found.fit.u_damping_ratio, found.fit.u_amplitude)

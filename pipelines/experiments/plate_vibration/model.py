@@ -17,18 +17,15 @@ from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.experiments.shared.material_choice import resolve
 
-_COVERED = 6e-3  # s of simulation after first touch: any contact ends before
-_FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
-_ROUNDS = 3  # the plate's yielding changes the blow by M/m: the rounds converge like its powers
-_BEFORE, _AFTER = 3e-3, 60e-3  # s around the blow in which measurement and model are compared
-_STEP = 5e-5  # s, of the compared curves
 
-
-def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: PlateVibration) -> xr.Dataset:
+def plate(
+    table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: PlateVibration, rounds: int = 3
+) -> xr.Dataset:
     """Find the plate's modal mass from amplitude and momentum: m = J / (A omega).
 
     J is the part of the simulated force that the plate responds to, the modulus of its transform at the plate's damped
-    frequency; the plate's own yielding is part of the simulation. The moduli of the spheres change it by less than a
+    frequency; the plate's own yielding, which changes the blow by M/m, is part of the simulation in some rounds that
+    converge like its powers. The moduli of the spheres change it by less than a
     tenth of the uncertainty of amplitudes and heights, and are taken as exact. ``fitted`` are for each of the drops the
     master curve of its DMA experiment, where it names one.
     """
@@ -42,7 +39,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     scale = table["amplitude"].values[places] * 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
     relative = np.hypot(*relative_uncertainty(table, settings))[places]
     mass, under = np.inf, None
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         each = np.array([_heard(settings, i, solid, under, frequency, zeta)[0] for i, solid in known.items()]) / scale
         mass, scatter, _ = weighted_mean(each, each * relative)
         under = contact.Plate(mass, frequency, zeta)
@@ -51,7 +48,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     by_drop[places], u[places] = each, each * relative
     of_each = with_u("modal_mass", "series", by_drop, u, "kg", "modal mass by each of the drops")
     made = made.assign(with_u("mass", (), mass, float(np.hypot(scatter, shared)), "kg", "modal mass") | of_each)
-    return made.assign_attrs(work=json.dumps({"simulated_impacts": _ROUNDS * len(known)}))
+    return made.assign_attrs(work=json.dumps({"simulated_impacts": rounds * len(known)}))
 
 
 def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dict[int, Prony]:
@@ -104,7 +101,7 @@ def _heard(
     A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
     its phase is the time of the equivalent blow, and its modulus, decayed until then, the momentum.
     """
-    s = np.arange(0.0, _COVERED, _FINE)
+    s = np.arange(0.0, 6e-3, 4e-6)  # any contact ends before; it gets 250 points
     force = _simulated(settings, i, solid, plate, s)["force"].values
     rate, damped = zeta * 2 * np.pi * frequency, 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
     whole = np.trapezoid(force * np.exp((rate - 1j * damped) * s), s)
@@ -119,8 +116,10 @@ def model(
     *,
     settings: PlateVibration,
     full: bool = False,
+    around: tuple[float, float] = (-3e-3, 60e-3),
+    step: float = 5e-5,
 ) -> xr.Dataset:
-    """Simulate every drop on the plate that was found, as the laser should have seen it.
+    """Simulate every drop on the plate that was found, as the laser should have seen it around the blow [s].
 
     ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
     """
@@ -130,7 +129,7 @@ def model(
             "no modal mass is known for the simulation; name the sphere, with radius and mass, and "
             "a DMA experiment (material_from) or a material of the library"
         )
-    found, time = contact.Plate(mass, frequency, zeta), np.arange(-_BEFORE, _AFTER, _STEP)
+    found, time = contact.Plate(mass, frequency, zeta), np.arange(*around, step)
     moved = np.full((table.sizes["series"], time.size), np.nan)
     for i, solid in _known(settings, fitted).items():
         since = time + _heard(settings, i, solid, found, frequency, zeta)[1]

@@ -1,19 +1,13 @@
 """Proposals of ``init``: laser exports named after the plate."""
 
-from collections.abc import Iterator, Sequence
-
-from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments._kind import Found
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.record_templates import laser_record
 
 
-def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+@proposals.of_groups(proposals.without_repeat, lambda _, names: [*filter(proposals.sees_plate, names)])
+def proposed(found: Found, files: list[str], name: str) -> str:
     """Propose an experiment for recordings of the plate."""
-    ours = filter(proposals.sees_plate, names)
-    yield from proposals.of_groups(found, ours, proposals.without_repeat, _text)
-
-
-def _text(found: Found, files: Sequence[str], name: str) -> str:
     record = laser_record(found, files[0], proposals.sees_plate)
     return f"""[experiments.{name}]
 kind = "plate_vibration"  # proposed from the file name

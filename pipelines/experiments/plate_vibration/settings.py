@@ -1,12 +1,11 @@
 """Settings of a plate vibration: the laser on the plate while spheres fall on it."""
 
-from datetime import date
 from typing import Annotated, Literal
 
 import msgspec
 
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Mass, Temperature
-from pipelines.experiments.shared.settings import DropModel, Flat, Keyence, MaterialChoice, Recorded, Sensor, Table
+from pipelines.experiments.shared.settings import DropModel, Flat, MaterialChoice, OfLaser, Table
 
 
 class FallingBody(Table, frozen=True, kw_only=True):
@@ -39,22 +38,17 @@ class Drops(Table, frozen=True, kw_only=True):
         return MaterialChoice(material=self.material, temperature=self.temperature)
 
 
-class PlateVibration(Recorded, frozen=True, kw_only=True):
+class PlateVibration(OfLaser, frozen=True, kw_only=True):
     """Drops of one or more materials from one or more heights, the laser on the plate.
 
     Without ``sphere`` the ringing is measured but the plate's modal mass is not; ``plate_from`` of
-    a drop needs it. ``counter_body`` is the flat on the plate. ``sensor`` counts as for a ball drop:
-    direction 1 when the reading grows as the plate moves up.
+    a drop needs it. ``sensor`` counts as for a ball drop: direction 1 when the reading grows as the plate moves up.
     """
 
     kind: Literal["plate_vibration"]
     drops: Annotated[list[Drops], msgspec.Meta(min_length=1)]  #: materials and heights
-    calibration: File  #: calibration record of the laser
     sphere: FallingBody | None = None  #: the falling body, for the plate's modal mass
     counter_body: Flat = "sapphire"  #: the flat on the plate
-    measured_on: date | None = None  #: day of the measurement
-    keyence: Keyence = Keyence()  #: what the laser's files lack
-    sensor: Sensor = Sensor()  #: output and direction of the laser
     model: DropModel = DropModel()  #: the simulation
 
     def __post_init__(self) -> None:

@@ -1,13 +1,11 @@
 """Checks of relaxation tests: commands, columns, cell, punch, and the forces at several depths."""
 
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.comparison import rows
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
-from pipelines.experiments.shared.model_inputs import inputs_of
 
 _STEPS = ("readings", "loads", "ramps", "comparison")
 
@@ -17,7 +15,4 @@ _STEPS = ("readings", "loads", "ramps", "comparison")
 )
 def judgement(given: Given, settings: Relaxation, context: Context) -> Scene:
     """Judge all relaxation tests of an experiment; a step without a result is judged by its error."""
-    steps, inputs = [given.get(step) or [None] * len(settings.mach1) for step in _STEPS], dict[str, Quantity]()
-    for compared in steps[-1]:
-        inputs |= inputs_of(compared)
-    return mach1_checks.scene(settings.mach1, steps, inputs, rows, given, settings, context)
+    return mach1_checks.scene("ramps", rows, given, settings, context)

@@ -81,9 +81,13 @@ def _of_file(
     told = mach1_readings.history(clock, position)
     grid = np.union1d(clock[told], places)
     rows = np.searchsorted(grid, places)
-    areas = [
-        np.interp(grid, clock[told], _elastic_area(position[told] - touch - shift, geometry)) for shift in (0.0, SHIFT)
-    ]
+    areas = []  # elastic force over reduced modulus, by interpolation
+    for shift in (0.0, SHIFT):
+        # a contact that once was as wide keeps its width: the running maximum stands for the depth
+        reached = np.maximum.accumulate(np.maximum(position[told] - touch - shift, 0.0))
+        depths = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * float(reached.max())])
+        forces = np.interp(reached, depths, elastic_force(depths, geometry))
+        areas.append(np.interp(grid, clock[told], forces))
 
     def basis(rho: Floats, area: Floats) -> Floats:
         made = lee_radok_basis(grid, area, rho, geometry.nu)
@@ -96,11 +100,3 @@ def _of_file(
         return force_evidence(label, lag, force, u, usual, shifts=shifts, factors=factors, offsets=offsets)
 
     return lag, [*unknowns, zero, tare], build
-
-
-def _elastic_area(depth: Floats, geometry: Geometry) -> Floats:
-    """Return elastic force over reduced modulus of a history that only grows, by interpolation."""
-    grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * float(depth.max())])
-    # a contact that once was as wide keeps its width: the running maximum stands for the depth
-    reached = np.maximum.accumulate(np.maximum(depth, 0.0))
-    return np.asarray(np.interp(reached, grid, elastic_force(grid, geometry)))

@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.judging import LIKELY
-from labpipe.signals import estimate_noise
+from labpipe.signals import independent_count
 from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
@@ -30,6 +30,7 @@ _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on
 _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
 _PLATEAU = 0.1  # of a hold, its last part
+_NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
 _BINS_PER_DECADE = 12  # of the relaxation curve
 _COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
@@ -122,7 +123,7 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
         middles = np.array([0.5, 0.75, 1 - 0.5 * _PLATEAU])[:, None] * hold["duration"]
         tenths = np.abs(since - middles) <= (0.5 * _PLATEAU + 1e-9) * hold["duration"]
         half, later, level = (float(force[tenth].mean()) for tenth in tenths)
-        u_half, _, u_level = _u_of_means(since, force, tenths.sum(axis=1)).tolist()
+        u_half, _, u_level = _u_of_means(loads, since, force, tenths.sum(axis=1)).tolist()
         # The force at half and at three quarters of the hold shows how fast its fall slows down; a fall that goes on
         # so, each quarter the same share of the one before, ends lower: a rectangle of twice this half width.
         falls = max(later - level, 0.0)
@@ -153,12 +154,18 @@ def systematic(loads: xr.Dataset, force: float) -> float:
     return float(np.hypot(float(loads["u_tare"]), mach1_readings.relative_gain(loads) * force))
 
 
-def _u_of_means(since: Floats, force: Floats, count: Integers) -> Floats:
+def _u_of_means(loads: xr.Dataset, since: Floats, force: Floats, count: Integers) -> Floats:
     """Return the standard uncertainty [N] of means of so many readings, by the noise of the second half of a hold."""
-    noise = estimate_noise(force[since >= 0.5 * since[-1]])
-    u = noise.sigma / np.sqrt(np.maximum(count, 1.0))
-    # readings that stay on one step do not average out
-    return np.asarray(np.maximum(u, noise.step / 12.0**0.5) if noise.sigma < 0.5 * noise.step else u)
+    late, step = since >= 0.5 * since[-1], float(loads.attrs.get("resolution", 0.0))
+    sd, memory = float(np.nanmax(loads["u_force"].values)), 1.0
+    if late.sum() >= _FEWEST:
+        log_time = np.log(since[late])
+        rest = force[late] - np.polynomial.Polynomial.fit(log_time, force[late], _NOISE_TREND)(log_time)
+        # the cell's filter ties neighbouring readings together, and so does a wandering zero
+        sd, memory = float(rest.std()), rest.size / independent_count(rest)
+    least = step / np.sqrt(12.0)
+    u = max(sd, least) / np.sqrt(np.maximum(count / memory, 1.0))
+    return np.asarray(np.maximum(u, least) if sd < step / 2 else u)
 
 
 def curves(
@@ -182,7 +189,7 @@ def curves(
     for i, (rows, end) in enumerate(zip(samples(ramps), ramps["end"].values, strict=True)):
         since, force = loads["time"].values[rows] - end, loads["force"].values[rows]
         bins = pd.DataFrame({"time": since, "force": force}).groupby(np.searchsorted(edges, since, side="right") - 1)
-        mean, u = bins.mean(), _u_of_means(since, force, np.asarray(bins.size(), np.int64))
+        mean, u = bins.mean(), _u_of_means(loads, since, force, np.asarray(bins.size(), np.int64))
         made = np.array([mean["force"], u, mean["time"], bins["time"].std(ddof=0)])
         inside = (mean.index >= 0) & (mean.index < edges.size - 1)
         table[:, i, mean.index[inside]] = made[:, inside]

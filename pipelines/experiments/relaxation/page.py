@@ -65,9 +65,8 @@ def _forces(
     comparison: Sequence[xr.Dataset],
     curves: Sequence[xr.Dataset] | None = None,
     tests: xr.Dataset | None = None,
-    near: float = 2.0,
 ) -> list[Section]:
-    """Draw the force around each ramp, ``near`` it [s], and the means of all holds over the logarithm of time."""
+    """Draw the force for ten durations of each ramp, and the means of all holds over the logarithm of time."""
     around, drawn, gaps = list[Series](), list[Series](), list[Series]()
     places = [(n, i, part) for n, ramp in enumerate(ramps) for i, part in enumerate(samples(ramp))]
     for place, (n, i, part) in enumerate(places):
@@ -75,7 +74,8 @@ def _forces(
         label, level = _label(tests, place), pages.level(place, len(places))
         since, force = load["time"].values[part] - float(ramp["end"][i]), load["force"].values[part]
         model = [compared[f"{u}simulated_force"].values[part] for u in ("", "u_")] if is_there(compared) else []
-        shown, begin = np.abs(since) <= near, float(ramp["begin"][i] - ramp["end"][i])
+        begin = float(ramp["begin"][i] - ramp["end"][i])
+        shown = (since >= 2.0 * begin) & (since <= -10.0 * begin)
         around.append(Series(label, since[shown] - begin, force[shown], role="measured", level=level))
         if model:
             near_it = (one[shown] for one in model)
@@ -84,7 +84,7 @@ def _forces(
             continue
         means = np.array([curves[n][name].values[i] for name in ("mean_time", "force", "u_force")])
         lag, force, u = means[:, np.isfinite(means[1])]
-        drawn.append(Series(label, lag, force, style="points", role="measured", u=u, level=level))
+        drawn.append(Series(label, lag, force, style="points", role="measured", level=level))
         if model:
             theirs, wide = (np.interp(lag, since, one) for one in model)
             drawn.append(Series(f"{label}, model", lag, theirs, role="model", level=level))

@@ -80,7 +80,7 @@ def product(
         made = value
         for key, (given, power) in factors.items():
             made *= power(inputs[key]) if callable(power) else (inputs[key] / given.value) ** power
-        return made + sum(inputs[key] for key in inputs.keys() - factors.keys())
+        return made + sum(error for key, error in inputs.items() if key not in factors)
 
     inputs = {key: given for key, (given, _) in factors.items()}
     inputs |= {key: one._replace(unit=unit) for key, one in errors.items()}

@@ -121,9 +121,8 @@ def row(
         made.setdefault("u_difference", float(np.hypot(made.get("u_measured", 0.0), made.get("u_model", 0.0))))
     if "degrees_of_freedom" in made:
         made["degrees_of_freedom"] = told_freedom(made["degrees_of_freedom"])
-    return Row(
-        "", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, simulated=simulated, **made
-    )
+    made |= {"slopes": slopes or {}, "simulated": simulated}
+    return Row("", "", material, condition, quantity, unit, n, against, **made)
 
 
 def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[float, float]:

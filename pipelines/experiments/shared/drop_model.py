@@ -45,9 +45,6 @@ _ONSET = 1.6
 """Peak pressure over yield stress at which yield begins under a Hertzian contact (K. L. Johnson, Contact Mechanics,
 1985, section 6.1, doi:10.1017/CBO9781139171731)."""
 _MEAN_STRAIN = 0.2  # of a contact over a/R (the same, section 6.2)
-_COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
-_LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
-_STIFFER = 0.01  # the same of the modulus
 
 
 def simulated_drop(
@@ -61,11 +58,15 @@ def simulated_drop(
     followed: int,
     of_budget: str,
     full: bool = False,
+    coarse: float = 1e-3,
+    of_modulus: float = 0.01,
 ) -> xr.Dataset:
     """Simulate a drop, with the effect of its inputs' uncertainties on the first impacts.
 
     ``settings`` are those of a ball drop or of a contact area; the curve has a point each ``step`` of ``duration``
-    [s] from the release. ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
+    [s] from the release. Sensitivities are found to the tolerance ``coarse``, from relative changes of at least as
+    much, ``of_modulus`` of the modulus. ``full`` disables the simulator's shortcuts; the numbers stay the same within
+    ``rtol``.
 
     Returned is the result of :func:`labpipe.contact.drop` with, of the first ``followed`` impacts and NaN beyond,
     ``u_NAME`` (impact,) and ``slope_NAME`` (uncertain, impact) per SI unit; the inputs
@@ -94,13 +95,13 @@ def simulated_drop(
     floor = plate_inputs(settings.plate, plate)
     inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
     for name, one in (inputs | {f"{OF_PLATE}{name}": one for name, one in floor.items()}).items():
-        by = max(one.u, _LEAST_CHANGE * one.value)  # one without an uncertainty may be stated wrongly as well
+        by = max(one.u, coarse * one.value)  # one without an uncertainty may be stated wrongly as well
         part = name.removeprefix(OF_PLATE)
         changes[name] = one, by, replace(under, **{part: one.value + by}) if under and part != name else one.value + by
     solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
     # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
     flats = {name: (one, one.value, None) for name, one in modulus_of(settings.counter_body).items()}
-    stiffer = Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)
+    stiffer = Quantity(1.0, 0.0, "1"), of_modulus, solid.scaled(1.0 + of_modulus)
     changes |= solids | flats | {"modulus": stiffer}
 
     def moved(best: Any, *names: str) -> list[Any]:
@@ -116,7 +117,7 @@ def simulated_drop(
             duration,
             count,
             chosen.profile,
-            max(chosen.rtol, _COARSE),
+            max(chosen.rtol, coarse),
             gravity=gravity,
             plate=moved(under, *(f"{OF_PLATE}{name}" for name in floor)),
             substrate=moved(flat, *flats),

@@ -1,7 +1,7 @@
 """Checks of a film: whole, in order, not over-exposed, with the exposure that a session states."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from math import inf
@@ -18,6 +18,7 @@ from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, Level, doubtful_among
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements import failed_steps
 
 CAUSES = {
@@ -27,12 +28,9 @@ CAUSES = {
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 LONGER = 1.5
 """Factor of the usual interval between frames, from which some are missing, and of neighbouring ones."""
-_SPREAD = 48  # frames spread over a film whose light is measured
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
 LIGHT, _SAID = "light", "said_by_file"
-_ROUNDED = 0.01  # relative difference of an exposure as a person writes it and as a camera sets it
 _LEFT = 0.3  # of the bends about two frames, which may be left when they are exchanged back
-_TRIED = 40  # frames that stand out most; all their pairs are tried
 _BESIDE = np.arange(-2, 3)
 
 
@@ -57,63 +55,48 @@ def of_film(
     return checks if found is None else [*checks, whole, exposed(found, film)]
 
 
-def repeated(film: FrameSource, is_seen: Flags) -> list[int]:
-    """Find the frames whose every pixel is that of the frame before, among those that show a contact, ``is_seen``."""
-    before: np.ndarray = np.empty(0)
-    found, last = [], -1
-    for i in map(int, np.flatnonzero(is_seen & film.valid)):
-        image = film[i]
-        if last == i - 1 and np.array_equal(image, before):
-            found.append(i)
-        before, last = image, i
-    return found
-
-
-def no_copies(film: str, frame: Integers, alike: Flags) -> Check:
-    """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
-    at = np.flatnonzero(alike)
-    if not at.size:
-        return Check("frames differ", f"{film}: no frame equals the one before", None, file=film)
-    first = int(frame[at[0] + 1])
-    frames = "frame equals" if at.size == 1 else "frames equal"
-    text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
-    return Check("frames differ", text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
-
-
-def frame_times(film: str, frame: Integers, time: Floats, is_within: Flags) -> Check:
-    """Look for frames that are not later than the one before, or that are missing in a motion.
+def of_frames(
+    film: str, frame: Integers, time: Floats, is_within: Flags, is_copy: Flags, y: Floats, **options: Any
+) -> Iterator[Check]:
+    """Look for frames that are not later than the one before, missing in a motion, repeated or exchanged.
 
     ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames.
+    ``is_copy`` (frame - 1,) are frames that are measured as the one before, which noise forbids. ``y`` and ``options``
+    are those of :func:`exchanged`.
     """
-    name, steps = "times of the frames", np.diff(time)
-    wrong = np.flatnonzero(~(steps > 0))
-    if wrong.size:
-        at = int(frame[wrong[0] + 1])
-        text = f"{film}: frame {at} is not later than the one before ({wrong.size} such frames)"
-        return Check(name, text, "impossible", cause=f"frames are exchanged or repeated at frame {at}", file=film)
+    level: Level | None = None
+    steps, cause, text = np.diff(time), "", f"{time.size} frames in order"
     usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
-    lost = np.flatnonzero(is_within & (steps > LONGER * usual))
-    if not lost.size:
-        return Check(name, f"{film}: {time.size} frames in order", None, file=film)
-    count = int(np.sum(np.round(steps[lost] / usual) - 1))
-    frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
-    text = f"{film}: {count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
-    cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
-    return Check(name, text, "doubtful", cause=cause, file=film)
+    wrong, lost = np.flatnonzero(~(steps > 0)), np.flatnonzero(is_within & (steps > LONGER * usual))
+    if wrong.size:
+        level, at = "impossible", int(frame[wrong[0] + 1])
+        text = f"frame {at} is not later than the one before ({wrong.size} such frames)"
+        cause = f"frames are exchanged or repeated at frame {at}"
+    elif lost.size:
+        level, count = "doubtful", int(np.sum(np.round(steps[lost] / usual) - 1))
+        frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
+        text = f"{count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
+        cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
+    yield Check("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
+    level, cause, text = None, "", "no frame equals the one before"
+    if (copies := np.flatnonzero(is_copy)).size:
+        level, first = "doubtful", int(frame[copies[0] + 1])
+        frames = "frame equals" if copies.size == 1 else "frames equal"
+        text = f"{copies.size} {frames} the one before, the first is frame {first}"
+        cause = f"frame {first} is a repeated frame"
+    yield Check("frames differ", f"{film}: {text}", level, cause=cause, file=film)
 
-def in_order(film: str, frames: Integers, y: Floats, **options: Any) -> Check:
-    """Look for two frames that were exchanged; ``options`` are those of :func:`exchanged`."""
-    name, found = "order of the frames", exchanged(y, **options)
-    if found is None:
-        return Check(name, f"{film}: no frames are exchanged", None, file=film)
-    first, second = (int(frames[place]) for place in found)
-    text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
-    return Check(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
+    level, cause, text = None, "", "no frames are exchanged"
+    if (places := exchanged(y, time=time, **options)) is not None:
+        level, (one, other) = "doubtful", (int(frame[place]) for place in places)
+        text = f"frames {one} and {other} show what would follow smoothly at each other's place"
+        cause = f"frames {one} and {other} are exchanged"
+    yield Check("order of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
 
 def exchanged(
-    y: Floats, noise: float = 0.0, time: Floats | None = None, missed: Flags | None = None
+    y: Floats, noise: float = 0.0, time: Floats | None = None, missed: Flags | None = None, tried: int = 40
 ) -> tuple[int, int] | None:
     """Find two frames that stand at each other's place in a film.
 
@@ -122,7 +105,8 @@ def exchanged(
     ``y`` (frame,) is measured in each frame, NaN in those to be left out, with the standard uncertainty ``noise`` where
     that exceeds their scatter. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
     frames. ``missed`` (frame,) are frames in which something may have been overlooked: next to another that is no
-    exchange. Returns the places of the two, the earlier first, or None.
+    exchange. Of the frames that stand out most, ``tried``, all pairs are. Returns the places of the two, the earlier
+    first, or None.
     """
     known = np.flatnonzero(np.isfinite(y))
     if not known.size:
@@ -135,7 +119,7 @@ def exchanged(
         out &= around.max(axis=1) < LONGER * np.abs(around).min(axis=1)
     best, found = _LEFT, None
     likely = np.flatnonzero(out)
-    for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-_TRIED:]].tolist()), 2):
+    for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-tried:]].tolist()), 2):
         if j == i + 1 and missed is not None and missed[known[i : j + 1]].any():
             continue
         near = np.unique(np.clip(np.concatenate([i + _BESIDE, j + _BESIDE]), 0, y.size - 1))
@@ -153,10 +137,10 @@ def _bends(y: Floats, at: Integers) -> Floats:
     return np.abs(y[at] - (4.0 * (before + after) - before2 - after2) / 6.0)
 
 
-def light_of(film: FrameSource) -> str:
-    """Measure the share of white pixels in frames all over a film; JSON, with the grey level of white."""
+def light_of(film: FrameSource, count: int = 48) -> str:
+    """Measure the share of white pixels in so many frames all over a film; JSON, with the grey level of white."""
     white = film.levels[1]
-    spread = np.linspace(0, len(film) - 1, min(_SPREAD, len(film))).round().astype(int)
+    spread = np.linspace(0, len(film) - 1, min(count, len(film))).round().astype(int)
     clipped = [np.mean(np.asarray(film[int(i)]) >= white) for i in spread if film.valid[i]]
     return json.dumps({"clipped": float(np.mean(clipped)) if clipped else 0.0, "level": white})
 
@@ -195,7 +179,7 @@ def exposure_stated(found: xr.Dataset, film: str, exposure: Quantity | None) -> 
     # a shutter that was open for longer is right where a flash lit the frames; nothing is longer than an interval
     interval = float(np.diff(found["time"].values).min()) if "time" in found else np.inf
     limit, what = (own, "the shutter was open for") if own else (interval, "a frame each")
-    is_longer = exposure.value - limit > _ROUNDED * exposure.value + DOUBTFUL * exposure.u
+    is_longer = exposure.value - limit > DOUBTFUL * (exposure.u or usual_uncertainty(exposure))
     text = (
         f"{film}: {what} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, which "
         "is used"

@@ -23,7 +23,6 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 Drawn = tuple[NDArray[np.uint8], str, str, float | None]
 """A picture (BGR) of a frame, its description, its caption and its place on a chart."""
-_WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and relative change of their
 distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
@@ -88,8 +87,8 @@ def recorded_on(film: object) -> str:
     return "" if day.year < 2000 else str(day)
 
 
-def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
-    """Copy a few frames for the page, reduced to 8 bit and to its width.
+def key_frames(film: FrameSource, chosen: Iterable[int], widest: int = 640) -> xr.Dataset:
+    """Copy a few frames for the page, reduced to 8 bit and to its width [px].
 
     Returns
     -------
@@ -103,7 +102,7 @@ def key_frames(film: FrameSource, chosen: Iterable[int]) -> xr.Dataset:
         raise InputError("all frames selected for display are damaged in the film")
     low, high = film.levels
     _, rows, columns = film.shape
-    factor = max(1.0, columns / _WIDEST)
+    factor = max(1.0, columns / widest)
     size = (round(columns / factor), max(1, round(rows / factor)))
     grey = ((film[i].astype(float) - low) * (255.0 / max(high - low, 1.0)) for i in sound)
     eight_bit = (np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in grey)
@@ -130,14 +129,16 @@ def thinned(wanted: Iterable[int], keys: Collection[int], most: int = 60) -> lis
     return sorted({*evenly.tolist(), *keys})
 
 
-def strip(title: str, drawn: Sequence[Drawn], *, start: int = 0, most_bytes: int = 1_500_000, **more: str) -> Gallery:
+def strip(
+    title: str, drawn: Sequence[Drawn], *, start: int = 0, quality: int = 65, most: int = 1_500_000, **more: str
+) -> Gallery:
     """Make frames a strip to step through; of more than fit into a part of the page every second one.
 
-    ``start`` is the frame that is shown first; ``most_bytes`` is the size in base64.
+    ``start`` is the frame that is shown first; ``quality`` is that of JPEG; ``most`` is the size in base64.
     """
-    frames = [Picture(jpeg(image), alt, caption, at) for image, alt, caption, at in drawn]
+    frames = [Picture(jpeg(image, quality), alt, caption, at) for image, alt, caption, at in drawn]
     kept = [*range(len(frames))]
-    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > most_bytes:
+    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > most:
         kept = sorted({*kept[::2], start})
     step = "Step with ‹ and ›, or with the arrow keys on the slider."
     shown = [frames[i] for i in kept]
@@ -158,7 +159,7 @@ def _header_lines(header: Any) -> list[str]:
     return lines
 
 
-def jpeg(image: NDArray[np.uint8], quality: int = 65) -> bytes:
+def jpeg(image: NDArray[np.uint8], quality: int = 90) -> bytes:
     """Encode a grey or colour (BGR) image; half the colour resolution would blur a thin coloured circle."""
     sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling])

@@ -112,17 +112,12 @@ class Part:
 
     @property
     def frequency(self) -> tuple[float, float]:
-        """Frequency by counting passages through the middle in one direction, and its uncertainty [Hz]."""
-        low, high = np.nanquantile(self.position, [0.01, 0.99])
-        beyond = (self.position - 0.5 * (low + high)) / (0.15 * (high - low) or nan)
-        side = np.where(np.abs(beyond) > 1.0, np.sign(beyond), 0.0)
-        known = np.flatnonzero(side)
-        rising = known[1:][np.diff(side[known]) > 0]
-        if rising.size < 2:
+        """Frequency of the motion and its uncertainty [Hz], a reading in its length; NaN without one."""
+        try:
+            start, end, value = active_window(self.time, self.position)
+        except InputError:
             return nan, nan
-        lasted = float(self.time[rising[-1]] - self.time[rising[0]])
-        value = (rising.size - 1) / lasted
-        return value, value * float(np.median(np.diff(self.time))) / lasted
+        return value, value * float(np.median(np.diff(self.time))) / (end - start)
 
     @property
     def stiffness(self) -> tuple[float, float, bool]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS,
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Title
 from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
+from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.punch_model import TOUCH
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
 from pipelines.experiments.shared.record_checks import FLAT, MANY, break_in, longest_run, placed, step_in
@@ -104,19 +106,21 @@ _LARGEST_PUNCH = 0.5  # m, either way
 
 
 def scene(
-    files: Sequence[str],
-    steps: Sequence[Sequence[xr.Dataset | None]],
-    inputs: Mapping[str, Quantity],
+    touch: str,
     rows: Callable[..., Iterable[Row]],
     given: Given,
-    settings: Indentation,
+    settings: Any,
     context: Context,
+    inputs: Mapping[str, Quantity] = MappingProxyType({}),
 ) -> judgements.Scene:
-    """Check the recordings of an experiment, its cell and its punch, and compare ``rows`` of known ``inputs``.
+    """Check the recordings of an indentation, its cell and its punch, and compare ``rows`` of known ``inputs``.
 
-    ``steps`` are readings, loads, the result that holds first touch, and the comparison, of each file or None. A
-    mistake in one file does not show in the others, so that each has causes of its own.
+    ``touch`` is the step that finds first touch. A mistake in one file does not show in the others, so that each has
+    causes of its own.
     """
+    files = [settings.mach1] if isinstance(settings.mach1, str) else settings.mach1
+    found_by = [given.get(step) for step in ("readings", "loads", touch, "comparison")]
+    steps = [found if isinstance(found, Sequence) else [found] * len(files) for found in found_by]
     cell = next((loads for loads in steps[1] if loads is not None), None)
     of_cell = [] if cell is None else list(_of_cell(settings.load_cell, cell))
     is_scaled = not any(check.name == _SCALE and check.level for check in of_cell)
@@ -138,6 +142,8 @@ def scene(
     checks += [*of_cell, *(placed(check, *files, settings.load_cell.record) for check in failed)]
     gain = Quantity(1.0, 0.0 if cell is None else mach1_readings.relative_gain(cell), "1")
     known = {FORCE_SCALE: gain, STIFFNESS: Quantity(1.0, 0.0, "1"), **inputs}
+    for compared_with in steps[-1]:
+        known |= inputs_of(compared_with)
     shared = {TOUCH: known.pop(TOUCH)} if TOUCH in known else {}
     source = judgements.measured_by(settings.substrate)
     return judgements.Scene(checks, (), given.each([rows]), known, shared, given.get("basis"), measured_by=source)
@@ -152,7 +158,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     if order.level is not None:
         return [order]
     outliers, lost = _continuity(blocks)
-    found = [order, *_commands_kept(blocks), _clock_of_blocks(blocks), _response(blocks)]
+    found = [order, *_commands_kept(blocks), _response(blocks)]
     found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
     found += [*_alignment(blocks), *_range_of_cell(blocks)]
     return [*found, outliers, lost, _step_of_force(blocks) if lost.level is None else not_made(_STEP, "every row")]
@@ -181,7 +187,7 @@ def _order_of_columns(blocks: Sequence[Part]) -> Check:
 
 
 def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
-    """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each."""
+    """Compare amplitude, frequency, travel and speed with the declared ones, the worst of each, and times of blocks."""
     # one that several blocks miss has no line: then their headers are not the fault
     for title, (function, key, unit, missed) in _COMMANDS.items():
         found = []
@@ -200,24 +206,22 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
         if found:
             worst = max(found, key=lambda c: abs(c.margin) if c.level else -1.0)
             yield replace(worst, line=None) if sum(c.level is not None for c in found) > 1 else worst
-
-
-def _clock_of_blocks(blocks: Sequence[Part]) -> Check:
-    starts = [(part, str(part.header.get("start") or "")) for part in blocks]
     known = []
-    for (part, began), (_, next_began) in pairwise(starts):
+    for part, (began, next_began) in zip(
+        blocks, pairwise(str(p.header.get("start") or "") for p in blocks), strict=False
+    ):
         if began and next_began:
             gap = (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
             lasts = float(np.ptp(part.time))
             known.append(((lasts - gap) / hypot(0.1, 5e-3 * gap), part, lasts, gap))
     if not known:
-        return not_made(_CLOCK, "two blocks with start times")
+        yield not_made(_CLOCK, "two blocks with start times")
+        return
     beyond, part, lasts, gap = max(known, key=lambda one: one[0])
     text = f"{part}: its column of time spans {quantity(lasts, 's')}, the next block begins after {quantity(gap, 's')}"
     check = bounded(_CLOCK, text, beyond, 1.0, at_most=0.0, **part.place)
-    if check.level is None or not gap > 0.0:
-        return check
-    return replace(check, log_ratio=log(lasts / gap), u_log_ratio=_U_CLOCK)
+    by = log(lasts / gap) if check.level and gap > 0.0 else nan
+    yield replace(check, log_ratio=by, u_log_ratio=_U_CLOCK)
 
 
 def _response(blocks: Sequence[Part]) -> Check:
@@ -302,7 +306,7 @@ def _flat_extremes(part: Part) -> Iterator[Check]:
 
 def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check]:
     """Name the readings that were left out, of the block with the largest deviation, and look for lost rows."""
-    file, level = blocks[0].file, None
+    file = blocks[0].file
     outliers, lost = Check(_OUTLIERS, f"{file}: no outliers", file=file), not_made(_LOST, "an oscillation")
     known = [(part, run) for part in blocks for run in part.outliers if run["column"] in ("position_z", "force_z")]
     if known:
@@ -312,7 +316,7 @@ def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check]:
         by, at = quantity(float(largest["by"]), "m" if column == "position" else "N"), quantity(part.time[first], "s")
         text = f"{part}: {count} {'reading' if count == 1 else 'readings'} left out as outliers, the largest deviation "
         text += f"{by} of the {column} in line {line}, at {at}"
-        level = "doubtful" if count > MANY * part.force.size else "note"
+        level: Level = "doubtful" if count > MANY * part.force.size else "note"
         cause = f"a disturbance, or a value that was edited, in line {line}"
         outliers = Check(_OUTLIERS, text, level, cause=cause, file=file, line=line)
     for part in (part for part in blocks if part.function == OSCILLATION):
@@ -374,11 +378,12 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
 
 def _of_force(name: str, loads: xr.Dataset, model: xr.Dataset | None, at: int, u_modulus: float) -> Check:
     """Compare the force at a sample with that of the model for the named material."""
-    if not loads.attrs["is_tared"] or model is None or "simulated_force" not in model:
-        return not_made(_RATIO, "a model")
-    force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
-    text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
-    return compared(_RATIO, text, force, 0.0, expected, u_modulus * expected, file=name)
+    if loads.attrs["is_tared"] and model is not None and "simulated_force" in model:
+        force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
+        if force > 0.0 and expected > 0.0:
+            text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
+            return compared(_RATIO, text, force, 0.0, expected, u_modulus * expected, file=name)
+    return not_made(_RATIO, "a model, and forces above 0")
 
 
 def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:

@@ -34,7 +34,6 @@ _MARKS = re.compile(
 _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
-_SLOW = 0.1  # s between readings: no drop is seen so slowly
 POLYMERS = {
     "acrylic": re.compile(r"acryl(?:ic|glas)?(?![a-z])|pmma|plexiglas|perspex", re.IGNORECASE),
     "peek": re.compile("peek", re.IGNORECASE),
@@ -82,12 +81,24 @@ def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[
         yield key, sorted(groups[key])
 
 
+Text = Callable[[Found, list[str], str], str]
+"""Takes the scan, the files and the name of an experiment, and returns its tables of session.toml."""
+
+
 def of_groups(
-    found: Found, names: Iterable[str], stem: Callable[[str], str], text: Callable[[Found, list[str], str], str]
-) -> Iterator[Proposed]:
-    """Propose an experiment for the files of each stem; ``text`` takes the scan, the files and the name."""
-    for key, files in grouped(names, stem):
-        yield Proposed(key, tuple(files), partial(text, found, files))
+    stem: Callable[[str], str], ours: Callable[[Found, list[str]], list[str]] = lambda found, names: names
+) -> Callable[[Text], Callable[[Found, Iterable[str]], Iterator[Proposed]]]:
+    """Make of a text a proposal of an experiment for those of the files of each stem that are ``ours``."""
+
+    def made(text: Text) -> Callable[[Found, Iterable[str]], Iterator[Proposed]]:
+        def proposed(found: Found, names: Iterable[str]) -> Iterator[Proposed]:
+            for key, group in grouped(names, stem):
+                if files := ours(found, group):
+                    yield Proposed(key, tuple(files), partial(text, found, files))
+
+        return proposed
+
+    return made
 
 
 def identifier(stem: str) -> str:
@@ -192,13 +203,13 @@ def sees_plate(name: str) -> bool:
     return bool(_PLATE.search(name))
 
 
-def is_slow(path: Path) -> bool:
-    """Return whether the readings of a file are too slow for a drop; not when it does not say."""
+def is_slow(path: Path, slow: float = 0.1) -> bool:
+    """Return whether readings come too rarely [s] for a drop to be seen; not when the file does not say."""
     try:
         found = instruments.read(path)
     except LabpipeError:
         return False
-    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0)) >= _SLOW
+    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0)) >= slow
 
 
 def view(film: str) -> str:

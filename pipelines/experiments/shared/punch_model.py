@@ -64,8 +64,8 @@ class Geometry:
 
     def pressed(self, solid: Prony, time: Floats, depth: Floats) -> xr.Dataset:
         """Simulate the punch at displacements (sample,) [m] of times [s]."""
-        shape = {"profile": self.model.profile, "thickness": self.thickness, "elements": self.model.elements}
-        return contact.indent(solid, *self.sizes, time, depth, **shape)
+        sizes, profile, elements = self.sizes, self.model.profile, self.model.elements
+        return contact.indent(solid, *sizes, time, depth, profile=profile, thickness=self.thickness, elements=elements)
 
 
 def elastic_force(displacement: Floats, geometry: Geometry) -> Floats:

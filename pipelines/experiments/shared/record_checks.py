@@ -87,7 +87,7 @@ class Trace:
 
     @classmethod
     def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
-        """Take one output; None where it is not there or no length."""
+        """Take one output; None where it is not there, is no length, or holds fewer than sixty readings."""
         if output not in readings or readings[output].attrs.get("units") != "m":
             return None
         x = np.array(readings[output].values, float)
@@ -95,6 +95,8 @@ class Trace:
         is_excluded = EXCLUDED in readings and readings[EXCLUDED].values.astype(bool)
         if state in readings:
             x[readings[state].values != 0] = np.nan
+        if np.isfinite(x).sum() < 10 * FLAT:
+            return None
         left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
         runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
         return cls(name, readings["time"].values, x, runs, is_excluded)
@@ -113,13 +115,7 @@ class Trace:
     @cached_property
     def resolution(self) -> float:
         """Smallest difference between two readings [m]."""
-        x = self.reading[np.isfinite(self.reading)]
-        return float(quantisation_step(x)) if x.size and np.ptp(x) > 0.0 else 0.0
-
-    @cached_property
-    def block(self) -> int:
-        """Number of readings that do not repeat by chance."""
-        return _WINDOW if self.noise > self.resolution else 2 * _WINDOW
+        return quantisation_step(self.reading[np.isfinite(self.reading)])
 
     @property
     def limit(self) -> float:
@@ -150,7 +146,11 @@ def of_recordings(
     """
     record, traces, found = settings.calibration, list[Trace](), list[Check]()
     for name, one in read.items():
-        if one is not None and (trace := Trace.of(name, one, settings.sensor.output)) is not None:
+        if one is None:
+            continue
+        if (trace := Trace.of(name, one, settings.sensor.output)) is None:
+            found.append(not_made("readings", "sixty valid readings of a length"))
+        else:
             traces.append(trace)
             results = [result for result in (moved.get(name), bounced.get(name)) if result is not None]
             line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
@@ -161,8 +161,6 @@ def of_recordings(
 
 def of_readings(trace: Trace, gravity: float, hum: Hum | None = None) -> list[Check]:
     """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it."""
-    if np.isfinite(trace.reading).sum() < 10 * FLAT:
-        return [not_made("readings", "sixty valid readings")]
     held = held_readings(trace)
     found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
     if held.level is None:
@@ -266,9 +264,7 @@ def _jumps(trace: Trace) -> Check:
     """Look for steps between two readings that no speed of the body explains."""
     name, broken = "jumps and spikes", break_in(trace.reading, trace.noise)
     if broken is not None:
-        usual = float(np.nanquantile(np.abs(np.diff(trace.reading)), 0.98))
-        text = f"the readings jump by {quantity(broken[1], 'm')} at {trace.at(broken[0])}, "
-        text += f"{quantity(usual, 'm')} between two readings is usual"
+        text = f"the readings jump by {quantity(broken[1], 'm')} at {trace.at(broken[0])}"
         cause = "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
         cause += "sensor was moved or disturbed"
         return trace.seen(name, text, "impossible", cause)
@@ -314,20 +310,20 @@ def _single_rows(trace: Trace) -> Check:
 
 def repeated_rows(trace: Trace) -> Check:
     """Look for a stretch of readings that comes twice, digit by digit."""
-    name = "rows that come twice"
-    if trace.reading.size < 3 * trace.block or trace.resolution == 0.0:
-        return not_made(name, f"{3 * trace.block} readings that differ")
+    name, block = "rows that come twice", _WINDOW if trace.noise > trace.resolution else 2 * _WINDOW
+    if trace.reading.size < 3 * block or trace.resolution == 0.0:
+        return not_made(name, f"{3 * block} readings that differ")
     count = np.round(np.nan_to_num(trace.reading) / trace.resolution).astype(np.int64)
-    windows = np.lib.stride_tricks.sliding_window_view(count, trace.block)
-    places = np.flatnonzero(np.convolve(np.diff(count) != 0, np.ones(trace.block - 1), "valid") >= trace.block / 2)
-    digests = (windows @ np.random.default_rng(0).integers(1, 2**62, trace.block))[places]
+    windows = np.lib.stride_tricks.sliding_window_view(count, block)
+    places = np.flatnonzero(np.convolve(np.diff(count) != 0, np.ones(block - 1), "valid") >= block / 2)
+    digests = (windows @ np.random.default_rng(0).integers(1, 2**62, block))[places]
     _, first, inverse = np.unique(digests, return_index=True, return_inverse=True)
     original = places[first[inverse]]
-    twice = np.flatnonzero(places - original >= trace.block)
+    twice = np.flatnonzero(places - original >= block)
     if not twice.size:
         return trace.seen(name, "no stretch of readings comes twice")
     second, begin = trace.at(int(places[twice[0]])), trace.at(int(original[twice[0]]))
-    text = f"{twice.size + trace.block - 1} readings from {second} come twice, digit by digit those from {begin}"
+    text = f"{twice.size + block - 1} readings from {second} come twice, digit by digit those from {begin}"
     cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
     return trace.seen(name, text, "impossible", cause)
 
@@ -335,7 +331,7 @@ def repeated_rows(trace: Trace) -> Check:
 def shared_rows(traces: Sequence[Trace]) -> Check:
     """Look for two records of equal readings, digit by digit but for their zero and the end of the longer one."""
     name = "readings of another record"
-    known = [t for t in traces if t.reading.size >= 3 * t.block and t.resolution > 0.0]
+    known = [t for t in traces if t.reading.size >= 3 * _WINDOW and t.resolution > 0.0]
     if len(known) < 2:
         return not_made(name, "two records with readings that differ")
     for first, later in combinations(known, 2):
@@ -366,12 +362,12 @@ def _steady_noise(trace: Trace) -> Check:
     if min(part.size for part in parts) < _QUIET:
         return not_made(name, f"{5 * _QUIET} readings")
     sizes = np.maximum([estimate_noise(part).sigma for part in parts], trace.resolution / sqrt(12.0))
-    low, high = int(np.argmin(sizes)), int(np.argmax(sizes))
-    text = f"noise of {quantity(sizes[low], 'm')} in part {low + 1} of 5, {quantity(sizes[high], 'm')} in part "
+    least, most = float(sizes.min()), float(sizes.max())
+    low, high = (int(np.argmax(sizes == size)) + 1 for size in (least, most))
+    text = f"noise of {quantity(least, 'm')} in part {low} of 5, {quantity(most, 'm')} in part {high}"
     cause = "light, surface, gain or averaging of the sensor changed while it recorded"
-    is_more = (sizes[high] > times * sizes[low] for times in (10.0, 3.0))
-    level: Level | None = "doubtful" if next(is_more) else "note" if next(is_more) else None
-    return trace.seen(name, f"{text}{high + 1}", level, cause)
+    level: Level | None = "doubtful" if most > 10.0 * least else "note" if most > 3.0 * least else None
+    return trace.seen(name, text, level, cause)
 
 
 def _beginning(trace: Trace, gravity: float) -> Check:
@@ -390,11 +386,11 @@ def _beginning(trace: Trace, gravity: float) -> Check:
         cause = "the record begins in mid-fall: the body was released before the trigger; record from earlier on. Its "
         return trace.seen(name, text, "impossible", f"{cause}release and height are not measured")
     drift = abs(slope) * float(trace.time[-1] - trace.time[0])
-    part = drift / trace.travel if trace.travel > 0 else 0.0
     if not (abs(slope) > max(DOUBTFUL * u_slope, abs(bend) * span) and drift > trace.limit):
         return trace.seen(name, "at rest in the beginning")
     text = f"the readings drift by {quantity(slope, 'm/s')} before the release, {quantity(drift, 'm')} over the record"
-    level: Level = "impossible" if part > _DRIFT[1] else "doubtful" if part > _DRIFT[0] else "note"
+    few, many = (drift > part * trace.travel for part in _DRIFT)
+    level: Level = "impossible" if many else "doubtful" if few else "note"
     return trace.seen(name, text, level, "drift of the sensor or of its holder: let it warm up, or fasten it")
 
 

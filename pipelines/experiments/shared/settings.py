@@ -1,6 +1,7 @@
 """Settings that several kinds of experiment share, each with its unit and its reason."""
 
 import math
+from datetime import date
 from typing import Annotated, ClassVar, Literal
 
 import msgspec
@@ -12,10 +13,15 @@ from labpipe.workflow.exclusions import Exclusion, Note
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A table of session.toml; an unknown key is a mistake, not a wish."""
+    """A table of session.toml; an unknown key is a mistake, not a wish. Of ``alternatives`` at most one is given."""
+
+    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def __post_init__(self) -> None:
-        """Refuse ``columns`` that mean nothing before a file is read."""
+        """Refuse two alternatives, and ``columns`` that mean nothing before a file is read."""
+        for names in self.alternatives:
+            if len([name for name in names if getattr(self, name) is not None]) > 1:
+                raise ValueError(f"give {' or '.join(names)}, not both")
         named_columns(getattr(self, "columns", None))
 
 
@@ -143,18 +149,31 @@ class Sensor(Table, frozen=True, kw_only=True):
     serial: str | None = None  #: serial number of the sensor; a calibration record of another one is refused
 
 
+class OfLaser(Recorded, frozen=True, kw_only=True):
+    """Recordings of the laser; their day is needed where the files carry none."""
+
+    calibration: fields.File  #: calibration record of the laser
+    measured_on: date | None = None  #: day of the measurement, for the validity of the record
+    keyence: Keyence = Keyence()  #: what the laser's files lack
+    sensor: Sensor = Sensor()  #: output and direction of the laser
+
+
+class OfCamera(Recorded, frozen=True, kw_only=True):
+    """A film; its day, for the validity of the record, is by default that of its trigger."""
+
+    film: fields.File  #: the film
+    camera: fields.File  #: calibration record of the camera
+    measured_on: date | None = None  #: day of the film
+    frame_rate: Annotated[fields.Frequency, fields.POSITIVE] | None = None  #: of exported images, which hold no time
+    channel: Literal["red", "green", "blue"] | None = None  #: colour that is used of a film in colours
+
+
 class Plate(Table, frozen=True, kw_only=True):
     """The plate under the sphere as a damped oscillator, when it is to be part of the model."""
 
     mass: Annotated[fields.Mass, fields.POSITIVE]  #: modal mass
     frequency: Annotated[fields.Frequency, fields.POSITIVE]  #: natural frequency
     damping_ratio: Annotated[fields.Dimensionless, fields.Range(at_least=0.0, below=1.0)]  #: share of critical damping
-
-
-def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
-    """Refuse a plate that is given and taken from a plate vibration at once."""
-    if plate is not None and plate_from is not None:
-        raise ValueError("give plate or plate_from (a plate vibration of this session), not both")
 
 
 class SphereModel(Table, frozen=True, kw_only=True):

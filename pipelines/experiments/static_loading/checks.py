@@ -6,19 +6,9 @@ from math import hypot, log, sqrt
 
 import numpy as np
 import xarray as xr
+from scipy.linalg import orth
 
-from labpipe.judging import (
-    DOUBTFUL,
-    SLIPS,
-    Cause,
-    Check,
-    bounded,
-    compared,
-    fitted_errors,
-    in_words,
-    not_made,
-    too_large,
-)
+from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, bounded, compared, in_words, not_made, too_large
 from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
@@ -35,9 +25,7 @@ MATERIAL = "approach against the material"
 _SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be a knock
 _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
 _DIAMETER = 0.02  # by which a factor of 2 in the radius may be missed, of the logarithm of an approach
-_ROWS, _FREE, _LEFT = 240, 1e4, 0.3
-"""Readings that are enough to distinguish mistakes; noises by which the fit is free; part of the misfit that a mistake
-may leave."""
+_LEFT = 0.3  # of the misfit, which a mistake may leave
 _FAILED = dict.fromkeys(("steps", "approach"), "the record does not hold the loads that session.toml states")
 _STEPS = ("readings", "displacement", "steps", "approach", "model", "comparison")
 TITLES = {
@@ -128,7 +116,6 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     if check.level is None or scatter < noise:
         return replace(check, level=None)
     # the load, or the drift under one load, that explains most of the misfit
-    used = used[:: max(used.size // _ROWS, 1)]
     elapsed, force, radius = time[used], steps["force"].values, settings.sphere.radius.value
     depth = np.maximum(moved[used] - float(steps["touch"]), 1e-9)
     design, _ = creep_design(elapsed, steps, radius)
@@ -139,10 +126,13 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     spans = zip(steps["begin"].values, steps["end"].values, strict=True)
     shares = [np.clip((elapsed - begin) / (end - begin), 0.0, 1.0) for begin, end in spans]
     slopes = -np.column_stack([*(each @ weights / steep for each in alone), *shares])
-    free = np.column_stack([np.ones(used.size), design / steep[:, None]])  # first touch and creep
-    free *= _FREE / np.abs(free).max(axis=0)
-    covariance = float(steps["noise"]) ** 2 * (np.eye(used.size) + free @ free.T)
-    errors, explained = fitted_errors((depth**1.5 - design @ weights) / steep, slopes, covariance)
+    # first touch and creep are free
+    free = np.column_stack([np.ones(used.size), design / steep[:, None]])
+    free = orth(free / np.abs(free).max(axis=0), rcond=1e-2)
+    left, slopes = (x - free @ (free.T @ x) for x in ((depth**1.5 - design @ weights) / steep, slopes))
+    size = np.sum(slopes**2, axis=0)
+    errors = np.divide(slopes.T @ left, size, out=np.zeros_like(size), where=size > 0.0)
+    explained = errors**2 * size / np.sum(left**2)
     best = int(np.argmax(explained))
     i = best % force.size
     load = settings.loads[i].mass.value

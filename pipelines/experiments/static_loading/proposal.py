@@ -1,20 +1,16 @@
 """Proposals of ``init``: slowly sampled laser exports are static loadings."""
 
-from collections.abc import Iterator, Sequence
-
-from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments._kind import Found
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
 from pipelines.experiments.shared.record_templates import laser_record
 
 
-def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+@proposals.of_groups(
+    proposals.without_repeat, lambda found, names: names if proposals.is_slow(found.path(names[0])) else []
+)
+def proposed(found: Found, files: list[str], name: str) -> str:
     """Propose an experiment for slow readings."""
-    slow = [name for name in names if proposals.is_slow(found.path(name))]
-    yield from proposals.of_groups(found, slow, proposals.without_repeat, _text)
-
-
-def _text(found: Found, files: Sequence[str], name: str) -> str:
     return f"""[experiments.{name}]
 kind = "static_loading"  # proposed because the readings are slow
 laser = "{proposals.quoted(files[0])}"

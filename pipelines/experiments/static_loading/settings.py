@@ -1,7 +1,6 @@
 """Settings of a static loading: a sphere on a disc, masses added to the holder one by one."""
 
 from collections.abc import Sequence
-from datetime import date
 from itertools import accumulate, pairwise
 from typing import Annotated, Literal
 
@@ -9,7 +8,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, File, Length, Mass, Time
-from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Recorded, Sensor, SphereModel, Table
+from pipelines.experiments.shared.settings import Flat, MaterialChoice, OfLaser, SphereModel, Table
 
 
 class Load(Table, frozen=True, kw_only=True):
@@ -47,22 +46,18 @@ def _remedy(masses: Sequence[float]) -> str:
     return f"if each is what was added, the totals to state are {_listed(list(accumulate(masses)))}"
 
 
-class StaticLoading(Recorded, frozen=True, kw_only=True):
+class StaticLoading(OfLaser, frozen=True, kw_only=True):
     """One record of the laser while loads are added; the first is on from the beginning.
 
-    ``counter_body`` is the disc. First touch follows from the loads: the approach goes with the power 2/3 of load and
-    compliance, and loads of different size determine it.
+    First touch follows from the loads: the approach goes with the power 2/3 of load and compliance, and loads of
+    different size determine it.
     """
 
     kind: Literal["static_loading"]
     laser: File  #: the recording
-    calibration: File  #: calibration record of the laser
     sphere: Ball  #: the loaded body
     counter_body: Flat = "sapphire"  #: the disc
     loads: Annotated[list[Load], msgspec.Meta(min_length=2)]  #: the loads in their order
-    measured_on: date | None = None  #: day of the measurement
-    keyence: Keyence = Keyence()  #: what the laser's file lacks
-    sensor: Sensor = Sensor()  #: output and direction of the laser
     steps: Steps = Steps()  #: which readings count
     model: SphereModel = SphereModel()  #: the simulation
 

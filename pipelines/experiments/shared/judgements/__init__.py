@@ -19,6 +19,7 @@ from pipelines.experiments.shared.judgements._page import (
     written_place as written_place,
 )
 from pipelines.experiments.shared.judgements._stage import (
+    MEASURED as MEASURED,
     OF_FILM as OF_FILM,
     Basis as Basis,
     Scene as Scene,
@@ -26,9 +27,9 @@ from pipelines.experiments.shared.judgements._stage import (
     Titles as Titles,
     judgement as judgement,
     judging as judging,
+    u_modulus as u_modulus,
 )
 from pipelines.experiments.shared.judgements._usual import (
-    MEASURED as MEASURED,
     because as because,
     day_known as day_known,
     failed_steps as failed_steps,
@@ -36,7 +37,6 @@ from pipelines.experiments.shared.judgements._usual import (
     measured_by as measured_by,
     stated_wrongly as stated_wrongly,
     times_over as times_over,
-    u_modulus as u_modulus,
     wrong_interval as wrong_interval,
     wrong_lengths as wrong_lengths,
     wrong_scale as wrong_scale,

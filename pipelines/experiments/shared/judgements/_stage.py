@@ -19,12 +19,14 @@ from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS, believed
 from pipelines.experiments.shared.judgements._suspects import Compared, curve_differs, explanations, undecided_by
-from pipelines.experiments.shared.judgements._usual import uncertainties_stated
+from pipelines.experiments.shared.judgements._usual import measured_by, uncertainties_stated
 
 STEPS = "references and processing steps"
 """Title of the check of all that an experiment is based on."""
 REPEATS = "repeats"
 """Title of the check of recordings against each other."""
+BY_NAME, MEASURED = 0.5, 0.25
+"""Standard uncertainty of the logarithm of a modulus known by the solid's name, and of one measured on a specimen."""
 
 
 class Title(NamedTuple):
@@ -148,6 +150,11 @@ class Scene(NamedTuple):
     def another_material(self) -> str:
         """Sentence where another modulus would explain a model that differs."""
         return _OF_ANOTHER.format(self.measured_by) if self.measured_by else _OF_NAME
+
+
+def u_modulus(material: Any) -> float:
+    """Return the relative standard uncertainty of the modulus of a solid as settings choose it."""
+    return MEASURED if measured_by(material) else BY_NAME
 
 
 def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset:

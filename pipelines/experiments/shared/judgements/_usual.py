@@ -43,10 +43,14 @@ _OF_RUN = (
 )
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
-BY_NAME, MEASURED = 0.5, 0.25
-"""Standard uncertainty of the logarithm of a modulus known by the solid's name, and of one measured on a specimen."""
 _ANOTHER_VIEW = 3.0
 """Factor in scale beyond which the record is of another view of the camera."""
+
+
+def measured_by(material: Any) -> str:
+    """Return the experiment or file that knows a material as settings choose it; empty for one known by its name."""
+    chosen = getattr(material, "material_from", None) or getattr(material, "material_file", None)
+    return (chosen or "").removeprefix(REFERENCE)
 
 
 def uncertainties_stated(settings: Any) -> Iterator[Check]:
@@ -59,17 +63,6 @@ def uncertainties_stated(settings: Any) -> Iterator[Check]:
             level: Level | None = "doubtful" if value.u >= share * value.value else None
             cause = "the uncertainty was typed in another unit or with a lost decimal"
             yield Check(f"uncertainty of {counted(setting)}", text, level, cause=cause, setting=setting)
-
-
-def measured_by(material: Any) -> str:
-    """Return the experiment or file that knows a material as settings choose it; empty for one known by its name."""
-    chosen = getattr(material, "material_from", None) or getattr(material, "material_file", None)
-    return (chosen or "").removeprefix(REFERENCE)
-
-
-def u_modulus(material: Any) -> float:
-    """Return the relative standard uncertainty of the modulus of a solid as settings choose it."""
-    return MEASURED if measured_by(material) else BY_NAME
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:

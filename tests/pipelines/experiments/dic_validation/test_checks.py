@@ -142,15 +142,14 @@ def test_a_film_of_another_polymer_differs_from_the_laser(laser):
 
 
 def test_exchanged_repeated_and_dropped_frames_are_found(motion, laser):
-    time = motion["time"].values.copy()
+    track = tracked(motion.sizes["time"])
+    time = track["time"].values.copy()
     time[[200, 201]] = time[[201, 200]]
-    track = tracked()
-    moved = motion.assign_coords(time=("time", time))
-    result = checks.judgement(track, moved, None, None, laser, settings=SETTINGS, context=CONTEXT)
-    told = finding(believed(result), "times of the frames")
+    told = finding(judged(motion, laser, track=track.assign_coords(time=("frame", time)))[0], "times of the frames")
     assert (told.level, "exchanged" in told.cause, "frame 201" in told.cause) == ("impossible", True, True)
-    lost = motion.isel(time=np.r_[0:150, 160 : motion.sizes["time"]])
-    told = finding(judged(lost, laser)[0], "times of the frames")
+    kept = np.r_[0:150, 160 : motion.sizes["time"]]
+    lost = track.isel(frame=kept).assign_coords(frame=np.arange(kept.size))
+    told = finding(judged(motion, laser, track=lost)[0], "times of the frames")
     assert (told.level, "10 frames are missing" in told.message, "dropped" in told.cause) == ("doubtful", True, True)
     for name, left in (("dx", 3e-5), ("dy", -4e-5), ("zncc", 1e-9)):
         track[name].values[120] = track[name].values[119] + left

@@ -95,7 +95,7 @@ def test_masks_and_obstructions_are_left_out_and_drawn(session: Path, tmp_path: 
     assert np.abs(found["dy"].values - expected).max() < 0.04
     assert float(found["u_dy"].median()) > 1.1 * float(plain["u_dy"].median())
     page, other = ((where / "labpipe/reports/film.html").read_text("utf-8") for where in (folder, session))
-    for words in ("red: covered parts that do not", "violet: obstructions", "hidden of it"):
+    for words in ("purple: covered parts that do not", "ochre: obstructions", "hidden of it"):
         assert words in page
         assert words not in other
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import instruments
 from instruments import phantom
 from labpipe.errors import LabpipeError
 from labpipe.frames import as_frames
@@ -24,7 +23,6 @@ from pipelines.experiments.shared.film_checks import (
     exposure_stated,
     light_of,
     of_film,
-    repeated,
     said_by_file,
 )
 from pipelines.experiments.shared.film_frames import open_film
@@ -158,9 +156,3 @@ def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so() -> None:
     assert told.cause.startswith("the film was not copied whole")
     (told,) = _judged(failures=(failed,))
     assert told.cause == "the film shows no drop"
-
-
-def test_frames_that_come_twice_are_found(tmp_path: Path) -> None:
-    images = _rings(6)
-    images[[2, 5]] = images[[1, 4]]
-    assert repeated(instruments.read(_written(tmp_path / "a.cine", images)), np.ones(6, bool)) == [2, 5]

@@ -11,7 +11,7 @@ from pipelines.experiments import KINDS, function
 def test_sections_of_a_page_name_what_the_page_is_given(name: str) -> None:
     report = function(next(stage.function for stage in KINDS[name].stages if stage.output == "page"))
     known = {"settings", "context", "given", *report.shown}
-    asked = [*report.sections, *filter(None, (report.rows,))]
+    asked = [*report.sections, *filter(None, (report.rows, report.details)), report.budget, report.methods]
     assert [each for each in asked if not set(inspect.signature(each).parameters) <= known] == []
 
 
