@@ -163,6 +163,7 @@ ROWS = (
     Mistake("one interval 30 K too high", _scaled(T, 1.0, 30.0, 2), "impossible", ("interval 3",), FIRST),
     Mistake("constant temperature", _rows(_constant_temperature), "impossible", ("constant",), FIRST),
     # files
+    Mistake("file cut", _rewritten(lambda text: text[: text.rindex("\t6\t")]), "doubtful", ("copy it again",), FIRST),
     Mistake("same file twice", _copied, "doubtful", ("same",), SECOND),
     Mistake("second file of PTFE", _of("ptfe"), "doubtful", ("another material",), SECOND),
     # what the session states

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from math import inf, isfinite, log, log10, nan, pi, sqrt
+from math import inf, log, log10, pi, sqrt
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
@@ -453,10 +453,14 @@ def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: f
         return not_made(_LABEL, f"shifts of {2 * _FEWEST} temperatures")
 
     def implied(shifts: Floats) -> Floats:
-        """Return by how much each temperature exceeds what the others imply (sweep,); NaN at both ends."""
-        T, log_aT = shifts[:, np.argsort(shifts[1])]
-        rows = range(T.size)
-        return np.array([np.interp(log_aT[i], np.delete(log_aT, i), np.delete(T, i), nan, nan) - T[i] for i in rows])
+        """Return by how much the temperature that the others imply exceeds each, of shifts in ascending order."""
+        found = []
+        for i in range(shifts.shape[1]):
+            T, log_aT = np.delete(shifts, i, axis=1)
+            end = int(np.clip(np.searchsorted(log_aT, shifts[1, i]), 1, T.size - 1))  # an end is extrapolated
+            slope = (T[end] - T[end - 1]) / max(log_aT[end] - log_aT[end - 1], 1e-3)
+            found.append(float(T[end] + slope * (shifts[1, i] - log_aT[end]) - shifts[0, i]))
+        return np.array(found)
 
     known = np.array([curve["temperature"].values, curve["log10_aT"].values])
     known = known[:, np.argsort(known[1])]
@@ -464,13 +468,15 @@ def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: f
     for i, off in enumerate(implied(known)):
         # without the sweep whose temperature is wrong the others lie on a smooth course, its neighbours as well
         rest = np.abs(implied(np.delete(known, i, axis=1)))
-        near = np.sqrt(np.nanmean(rest[max(i - 2, 0) : i + 2] ** 2))
-        scatter = max(float(np.nanmedian(rest)) / NormalDist().inv_cdf(0.75), float(near))
+        near = np.sqrt(np.mean(rest[max(i - 2, 0) : i + 2] ** 2))
+        scatter = max(float(np.median(rest)) / NormalDist().inv_cdf(0.75), float(near))
         found.append((abs(off) / (DOUBTFUL * scatter + strays), off, i))
-    worst, off, i = max(one for one in found if isfinite(one[0]))
+    worst, off, i = max(found)
     T = float(known[0, i])
     if worst <= 1.0:
-        return Check(_LABEL, f"shifts of {len(found)} sweeps follow one course, the farthest off by {abs(off):.1f} K")
+        return Check(
+            _LABEL, f"{worst:.2f} shifts of {len(found)} sweeps follow one course, the farthest off by {abs(off):.1f} K"
+        )
     sweep = min(sweeps, key=lambda one: abs(float(one.attrs["temperature"]) - T))
     place, same = str(sweep.attrs["place"]), np.abs(np.delete(known[0], i) - T) <= strays
     text = f"{place}: its shift lies on the course of the others at {T + off:.0f} °C"
