@@ -15,6 +15,7 @@ from labpipe.errors import UsageError
 from labpipe.text import unmarked_codec
 
 HEAD_BYTES = 4096  # enough for every magic number and every text header known
+HEAD_LINES = 400  # in which a text says what it holds; a header is a few dozen lines at most
 
 Content = Literal["displacement", "force", "film", "sweep", "displacement_field"]
 """Content of the files of an instrument, which decides the experiments that can begin from them.

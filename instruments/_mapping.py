@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from instruments._headings import Heading, facts, parsed
+from instruments._instrument import HEAD_LINES
 from instruments._layout import ABSENT, TAB, WAYS, Block, Lines, cells, fill, is_numeric, is_row
 from instruments._quantities import SI_OF, TIMES, TRACES, is_begin, is_unit, quantity, slug, unit_of
 from labpipe.errors import UNSAID, InputError, SourceError
@@ -24,7 +25,6 @@ Columns = str | Mapping[str, Any]
 _BRACKET = re.compile(r"[(\[{<]([^()\[\]{}<>]*)[)\]}>]")
 _OF_TIME = re.compile(r"\bx|horizontal|time", re.IGNORECASE)
 _ROWS = 3  # rows of numbers, one below the other, that make a table
-_ABOVE = 200  # lines of a header in which units are looked for
 _EXAMPLE = 'columns = { time = "Time (s)", displacement = "Position (m)" }'
 
 
@@ -101,7 +101,7 @@ def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:
             if place < len(row) and not is_numeric(row[place]) and row[place].casefold() not in ABSENT:
                 at = sum(len(before) + 1 for before in row[:place]) + 1
                 raise not_a_number(row[place], path=path, line_number=number, column=at)
-    above = lines[:start][-_ABOVE:]
+    above = lines[:start][-HEAD_LINES:]
     block.headings = [
         _with_unit(path, each, block.headings[p], line, _in_header(above, each.name in TIMES, p, separator))
         for each, p in zip(wanted, places, strict=True)

@@ -4,12 +4,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from instruments._layout import TAB, Lines, plain_lines
-from instruments._workbook import is_workbook, sheets
+from instruments._workbook import MOST_BYTES, is_workbook, sheets
 from labpipe.errors import warn_of
 from labpipe.text import first_bytes, survey
 
 CODECS = ("cp1252", "cp932")
-_MOST_BYTES = 128 << 20  # real exports have below 1 MB; all lines are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +36,7 @@ def open_sheets(
     if is_workbook(first_bytes(path)):
         found = [(title, plain_lines(map(TAB.join, rows))) for title, rows in sheets(path)]
         return found, path.suffix.lstrip(".").lower() or "xlsx", 0
-    source = survey(path, declared=(encoding,) if encoding else CODECS, max_bytes=_MOST_BYTES)
+    source = survey(path, declared=(encoding,) if encoding else CODECS, max_bytes=MOST_BYTES)
     lines, open_line = plain_lines(source.lines()), 0 if source.is_ended else source.n_lines
     if allow_incomplete and lines and lines[-1][0] == open_line:
         notes.add("the last line is cut, it has no line end; it is dropped", open_line)

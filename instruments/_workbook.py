@@ -18,7 +18,7 @@ from labpipe.text import first_bytes, shorten
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,(?!\d{3}\s*$)\d+(?:[eE][+-]?\d+)?\s*")  # "1,234" may group thousands
 _OLD = b"\xd0\xcf\x11\xe0"  # .xls
 _ZIP = b"PK\x03\x04"  # .xlsx, .ods, and any other archive
-_MOST_UNPACKED = 256 << 20  # bytes; the largest known export has 0.2 MB
+MOST_BYTES = 128 << 20  # of an export, a workbook unpacked; real ones have below 1 MB, and all lines are kept
 _MEMORY = 2 << 30  # bytes of the child, where the system can hold it to them
 _SECONDS = 120
 _CHILD = """
@@ -79,8 +79,8 @@ def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[s
     del modified
     if first_bytes(path).startswith(_ZIP):
         _check_archive(path)
-    elif size > _MOST_UNPACKED:
-        raise SourceError(path, f"the workbook has {size} bytes, at most {_MOST_UNPACKED} are read")
+    elif size > MOST_BYTES:
+        raise SourceError(path, f"the workbook has {size} bytes, at most {MOST_BYTES} are read")
     command = [sys.executable, "-P", "-c", _CHILD, str(path.resolve()), str(_MEMORY)]
     try:
         ended = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
@@ -115,8 +115,8 @@ def _check_archive(path: Path) -> None:
             text, arrays = "an archive of NumPy arrays (.npz)", sorted(name.removesuffix(".npy") for name in names)[:4]
             hint = f"It is a NumPy archive (.npz) of the arrays {', '.join(arrays)}: "
             hint += "save them as CSV with headings and units."
-    elif total > _MOST_UNPACKED:
-        text = f"the workbook unpacks to {total} bytes; at most {_MOST_UNPACKED} are read"
+    elif total > MOST_BYTES:
+        text = f"the workbook unpacks to {total} bytes; at most {MOST_BYTES} are read"
         hint = "This is no export of an instrument; export as CSV."
     elif any(part.flag_bits & 1 for part in parts):
         text, hint = "the workbook is encrypted", "Save it without a password."

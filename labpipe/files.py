@@ -2,8 +2,8 @@
 
 A file is written under a temporary name in its own folder, read back and compared, flushed to the disk and only then
 renamed; so a kill or a full disk leaves the old file or the new one, never a part of one. A lock is held by the
-operating system and ends with its process. :mod:`labpipe.netcdf` turns a Dataset into bytes and back, and is imported
-when one is written or read; nothing numerical is imported here.
+operating system and ends with its process. The netCDF side is :mod:`labpipe.netcdf`, imported when a Dataset is written
+or read; nothing numerical is imported here.
 """
 
 import contextlib
@@ -42,25 +42,14 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes]) -> None:
     """Write a file too large to hold in memory, of ``size`` bytes, piece by piece; see :func:`write_bytes`."""
-    target, total = Path(path), hashlib.sha256()
-    # The temporary name is short whatever the final one is, so a 255-byte name still works.
-    part = target.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
-    try:
-        with _writing(target, size):
-            _remove_orphans(target.parent)
-            with part.open("xb") as stream:
-                for chunk in chunks:
-                    total.update(chunk)
-                    stream.write(chunk)
-            if digest(part) != total.hexdigest():
-                raise StorageError(f"{path}: what was written cannot be read back; the disk is failing or full")
-            _flush(part)
-            part.replace(target)
-            if os.name != "nt":  # Windows can neither open nor flush a folder
-                _flush(target.parent)
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
+    total = hashlib.sha256()
+    with _part(Path(path), size) as part:
+        with part.open("xb") as stream:
+            for chunk in chunks:
+                total.update(chunk)
+                stream.write(chunk)
+        if digest(part) != total.hexdigest():
+            raise StorageError(f"{path}: what was written cannot be read back; the disk is failing or full")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -79,9 +68,9 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Da
     """
     from labpipe import netcdf
 
-    data, found = netcdf.encode(dataset)
-    write_bytes(path, data)
-    return found
+    prepared = netcdf.prepare(dataset)
+    with _part(Path(path), int(prepared.nbytes * 1.05) + 65536) as part:  # with the overhead of the format
+        return netcdf.write(part, prepared)
 
 
 def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
@@ -190,6 +179,24 @@ def require_space(path: str | os.PathLike[str], needed: int) -> None:
         raise StorageError(f"{path}: about {needed} bytes are needed and {free} are free; make room there")
 
 
+@contextlib.contextmanager
+def _part(path: Path, needed: int) -> Iterator[Path]:
+    """Name a temporary file next to a file, of which it takes the place once the block has written and verified it."""
+    # The temporary name is short whatever the final one is, so a 255-byte name still works.
+    part = path.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
+    try:
+        with _writing(path, needed):
+            _remove_orphans(path.parent)
+            yield part
+            _flush(part)
+            part.replace(path)
+            if os.name != "nt":  # Windows can neither open nor flush a folder
+                _flush(path.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
 @functools.cache
 def _machine() -> str:
     """Distinguish process numbers of this machine from those of others on a share, or of other containers."""
@@ -246,12 +253,16 @@ def _writing(path: Path, needed: int) -> Iterator[None]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
-    except OSError as error:
-        free = None
+    except (OSError, RuntimeError) as error:
+        free, number = None, error.errno if isinstance(error, OSError) else None
         with contextlib.suppress(OSError):  # a share that went away has no free space to report
             free = free_bytes(path)
+        # HDF5 reports a limit on the size of files as a missing permission, and a full disk with no number.
+        is_hdf = number is None or (number == errno.EACCES and os.access(path.parent, os.W_OK))
+        if is_hdf or number not in _WHY:
+            number = errno.ENOSPC if free is not None and free < needed else None
         other = "{needed} bytes could not be written ({error}); is the disk there and not full?"
-        why = _WHY.get(error.errno or 0, other).format(needed=needed, free=free, error=error)
+        why = _WHY.get(number or 0, other).format(needed=needed, free=free, error=error)
         raise StorageError(f"{path}: {why}") from error
 
 

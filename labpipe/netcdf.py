@@ -1,4 +1,4 @@
-"""Datasets as the bytes of a netCDF-4 file: types that can be stored, and the checks on writing and reading.
+"""Datasets as netCDF-4: types that can be stored, and the checks on writing and reading.
 
 Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables
 do not, and a single wrong bit in those can crash the HDF5 library. So the file ends with a mark and
@@ -9,6 +9,7 @@ bytes behind its end of data alone, and every netCDF program reads the file.
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import netCDF4
@@ -19,8 +20,6 @@ from labpipe.errors import InputError, StoreError
 
 _MARK = b"labpipe1"
 _TRAILER = len(_MARK) + hashlib.sha256().digest_size
-_END = slice(28, 36)
-"""Bytes of the superblock, version 2 or 3, of an HDF5 file that hold where its data end."""
 _SLACK = 1 << 20
 """Bytes that may be declared beyond the file's size: small variables that were never written."""
 _LARGEST_RATIO = 1100
@@ -82,25 +81,25 @@ def _text(text: str) -> str:
     return text.replace("\0", "\u2400").encode("utf-8", "replace").decode("utf-8")
 
 
-def encode(dataset: xr.Dataset) -> tuple[bytes, xr.Dataset]:
-    """Return the bytes of a Dataset, with checksums and NaN as it is, and the Dataset that :func:`decode` gives back.
+def write(path: Path, prepared: xr.Dataset) -> xr.Dataset:
+    """Write a prepared Dataset with checksums and NaN as it is, and its digest; return the Dataset read back.
 
-    Raises InputError: it holds something that netCDF does not give back unchanged.
+    Raises InputError: that differs from the prepared one.
     """
-    prepared = prepare(dataset)
     form: dict[str, dict[str, Any]] = {str(name): {"_FillValue": None} for name in prepared.variables}
     for name, variable in prepared.variables.items():
         form[str(name)]["fletcher32"] = variable.ndim > 0 and variable.size > 0 and variable.dtype.kind != "U"
-    handle = netCDF4.Dataset("memory", "w", memory=prepared.nbytes)
-    prepared.dump_to_store(xr.backends.NetCDF4DataStore(handle), encoding=form)  # type: ignore[no-untyped-call]
-    held = handle.close()
-    data = bytes(held[: int.from_bytes(held[_END], "little")])  # memory is had in blocks
-    data += _MARK + hashlib.sha256(data).digest()
-    found = decode(data)
+    prepared.to_netcdf(path, engine="netcdf4", encoding=form)
+    with path.open("r+b") as stream:  # a digest of what the disk holds, to its end
+        stream.write(_MARK + hashlib.file_digest(stream, "sha256").digest())
+    try:
+        found = decode(path.read_bytes())
+    except Exception as error:  # the libraries answer damage with anything
+        raise RuntimeError(f"what was written cannot be read back: {error}") from error
     types = ({n: v.dtype for n, v in each.variables.items() if v.dtype.kind != "U"} for each in (found, prepared))
     if not found.identical(prepared) or next(types) != next(types):
         raise InputError("the Dataset holds something that netCDF does not store unchanged")
-    return data, found
+    return found
 
 
 def decode(data: bytes) -> xr.Dataset:
@@ -112,7 +111,7 @@ def decode(data: bytes) -> xr.Dataset:
     # A mark at another place than its own means that bytes were cut off or added behind it; others' files have none.
     if _MARK in data[-2 * _TRAILER :] and trailer != _MARK + hashlib.sha256(body).digest():
         raise StoreError("its contents do not match its digest")
-    with netCDF4.Dataset("memory", memory=data) as handle:
+    with netCDF4.Dataset("its bytes", memory=data) as handle:
         _check_sizes(len(data), handle)
         source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
         # packed values and times of other programs are not converted

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from instruments._instrument import HEAD_LINES
 from instruments._intervals import Column, Interval, assemble
 from instruments._layout import COMMA, SEMICOLON, TAB, Lines, cells, is_numeric, signs_of
 from instruments._quantities import TEXT, TIMES, fold, quantity, repaired
@@ -21,7 +22,6 @@ from instruments.anton_paar._table import Export, Table
 from labpipe.errors import SourceError
 from labpipe.text import Separators, check_decimal, shorten
 
-_LOOKED_AT = 200  # lines in which the delimiter must show
 _INVALID = ("invalid", "invalide", "ungultig", "invalido")
 _POINT = re.compile(r"\s*(\d{1,9})(?:\.0*)?\s*(?:\(\s*(.+?)\s*\))?\s*")
 
@@ -91,7 +91,7 @@ def read(
 
 def _delimiter_of(path: Path, lines: Lines) -> str:
     """Return TAB, semicolon or comma, as the line that begins a table shows it; SourceError where none does."""
-    head = [line for _, line in lines[:_LOOKED_AT]]
+    head = [line for _, line in lines[:HEAD_LINES]]
     if head and head[0].startswith("<"):
         text = "this XML file holds the layout of a table window, not a measurement"
         hint = "In RheoCompass, export the table itself as CSV or XLSX."
@@ -102,7 +102,7 @@ def _delimiter_of(path: Path, lines: Lines) -> str:
             return delimiter
     if any(TAB in line for line in head):
         return TAB
-    text = f"no line such as 'Interval and data points: 1 11' in the first {_LOOKED_AT} lines"
+    text = f"no line such as 'Interval and data points: 1 11' in the first {HEAD_LINES} lines"
     raise SourceError(path, text, line=1, hint="Is this an Anton Paar export? If so, export it again as CSV.")
 
 

@@ -32,6 +32,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from instruments._clock import moment
+from instruments._instrument import HEAD_LINES
 from instruments._quantities import unit_of
 from instruments.keyence._header import CLOCK, Header, column_of, parse_header, split_cells
 from instruments.keyence._markers import NUMERIC_MARKER, Layout, Status, layout, marker_status
@@ -56,10 +57,8 @@ from labpipe.variables import variable
 
 DEVICE = "Keyence laser displacement sensor"
 _CODECS = ("cp932", "cp1252", "gbk")  # tried in this order without a byte order mark where it is not UTF-8
-_HEADER_LINES = 400  # above the first row of readings; a header is a few dozen lines at most
 _SATURATION = 10.0  # V, the end of the controller's output; its alarm voltage is not documented
 _BATCH = 1 << 11  # rows: markers come in runs, so a small batch keeps most of the file fast
-_SAMPLE = 200  # rows from which decimal sign and layout of the columns are learnt
 
 
 def read(
@@ -145,7 +144,7 @@ def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> t
     """Settle the codec by the first one under which the header makes sense: "µm" is no unit under another."""
     source = survey(path, declared=codecs)
     try:
-        header = parse_header(path, list(islice(source.lines(), _HEADER_LINES)))
+        header = parse_header(path, list(islice(source.lines(), HEAD_LINES)))
         return source, header, header.settle_units(units)
     except SourceError:
         for codec in codecs[codecs.index(source.encoding) + 1 :] if source.encoding in codecs else ():
@@ -210,7 +209,7 @@ def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tup
     SourceError with line and column of another cell, row or layout of a number.
     """
     stream, delimiter, first = iter(lines), header.delimiter, int(header.has_counter)
-    sample = list(islice(stream, _SAMPLE))
+    sample = list(islice(stream, HEAD_LINES))  # from which decimal sign and layout of the columns are learnt
     rows = [split_cells(line, delimiter) for line in sample]
     signs = DOT if decimal is None else Separators(decimal, "")
     if decimal is None and delimiter != ",":

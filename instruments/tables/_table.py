@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from instruments._headings import stated_in_title
+from instruments._instrument import HEAD_LINES
 from instruments._intervals import Interval, assemble
 from instruments._layout import COMMA, Block, Lines, blocks, signs_of
 from instruments._mapping import Columns, chosen, line_to_copy, located, suggestion, time_step
@@ -27,7 +28,6 @@ from labpipe.text import DOT, Separators, check_decimal
 from labpipe.units import Measure, si as in_si
 from labpipe.variables import variable
 
-_HEADER = 100  # lines in which a file states how it is written
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
 _OF_TESTER = {"time": "Time, s", "position": "Position (z), mm", "force": "Fz, N"}
@@ -76,7 +76,7 @@ def read(
     notes, named = Notes(Path(path)), None if columns is None else chosen(columns)
     opened, codec, open_line = open_sheets(notes, encoding, allow_incomplete=allow_incomplete)
     path, found = notes.path, [(t, [(1, t), *own] if own and stated_in_title(t) else own) for t, own in opened]
-    stated = (_DECIMAL.match(line) for _, lines in found for _, line in lines[:_HEADER])
+    stated = (_DECIMAL.match(line) for _, lines in found for _, line in lines[:HEAD_LINES])
     decimal = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated if word), None)
     if named is None:
         return _sweeps(notes, _blocks(path, found), decimal, open_line, codec)

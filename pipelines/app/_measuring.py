@@ -23,14 +23,8 @@ from pipelines.app._pictures import PHOTOGRAPHS, photograph
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_REACH = 12
-"""px on either side of a click that are looked at along the line."""
-_ROWS = 6
-"""Profiles on either side of the line, one px apart."""
-_LEAST_ROWS = 5
 _LEAST_SIGNAL = 5.0
 """Step or line over the noise that is left, below which nothing is found."""
-_SHORTEST = 4 * _REACH
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +80,12 @@ class Length:
     found: tuple[str, str]
 
 
-def length(grey: NDArray[np.float64], first: tuple[float, float], second: tuple[float, float]) -> Length:
+def length(
+    grey: NDArray[np.float64], first: tuple[float, float], second: tuple[float, float], reach: int = 12
+) -> Length:
     """Refine two clicks (x, y) [px] on grey levels (row, column) to the edges or graduations under them.
+
+    Along the line ``reach`` px on either side of a click are looked at, across it half as many.
 
     The length is measured across the graduations: a line drawn askew by an angle ε is longer by 1/cos ε, which their
     slope tells. An InputError says that clicks are too near to each other or to the border, or that nothing is found
@@ -95,10 +93,10 @@ def length(grey: NDArray[np.float64], first: tuple[float, float], second: tuple[
     """
     start, stop = np.asarray(first, float), np.asarray(second, float)
     distance = float(np.hypot(*(stop - start)))
-    if not distance >= _SHORTEST:
-        raise InputError(f"the two places are {distance:.0f} px apart; choose them at least {_SHORTEST} px apart")
+    if not distance >= 4 * reach:
+        raise InputError(f"the two places are {distance:.0f} px apart; choose them at least {4 * reach} px apart")
     along = (stop - start) / distance
-    ends = [_refined(grey, place, along) for place in (start, stop)]
+    ends = [_refined(grey, place, along, reach) for place in (start, stop)]
     places = [place + end.shift * along for place, end in zip((start, stop), ends, strict=True)]
     askew = math.atan((ends[0].slope + ends[1].slope) / 2)
     value = float(np.hypot(*(places[1] - places[0]))) * math.cos(askew)
@@ -114,12 +112,12 @@ class _End:
     kind: str
 
 
-def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArray[np.float64]) -> _End:
+def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArray[np.float64], reach: int) -> _End:
     """Find the feature near a place, along a direction."""
     from scipy.ndimage import map_coordinates
 
     across = np.array([-along[1], along[0]])
-    x, rows = np.arange(-_REACH, _REACH + 1.0), np.arange(-_ROWS, _ROWS + 1.0)
+    x, rows = np.arange(-reach, reach + 1.0), np.arange(-(reach // 2), reach // 2 + 1.0)
     at = place + x[None, :, None] * along + rows[:, None, None] * across
     inside = (at >= 0) & (at <= np.array(grey.shape[::-1]) - 1.0)
     if not inside.all():
@@ -134,9 +132,9 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     kind = min(fits, key=lambda name: fits[name][1])
     model, noise = fits[kind]
     each = np.array([_fitted(x, profile, kind, model)[0] for profile in profiles])
-    reach = 3.0 * abs(model[2]) + 2.0
-    kept = (np.abs(each[:, 1] - model[1]) < reach) & (np.sign(each[:, 0]) == np.sign(model[0]))
-    if abs(model[0]) < _LEAST_SIGNAL * noise or kept.sum() < _LEAST_ROWS or abs(model[1]) > _REACH - 1:
+    near = 3.0 * abs(model[2]) + 2.0
+    kept = (np.abs(each[:, 1] - model[1]) < near) & (np.sign(each[:, 0]) == np.sign(model[0]))
+    if abs(model[0]) < _LEAST_SIGNAL * noise or kept.sum() <= rows.size // 3 or abs(model[1]) > reach - 1:
         raise InputError(f"nothing is found at ({place[0]:.0f}, {place[1]:.0f}): click on an edge or a graduation")
     shifts = each[kept, 1]
     slope, middle = np.polyfit(rows[kept], shifts, 1)
@@ -149,7 +147,7 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
 
 def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Return first guesses: the steepest place, and the most prominent place, near the click."""
-    window = np.exp(-0.5 * (x / (0.5 * _REACH)) ** 2)
+    window = np.exp(-0.5 * (x / (0.5 * x[-1])) ** 2)
     steep = np.gradient(profile)
     edge = int(np.argmax(np.abs(steep) * window))
     apart = profile - np.median(profile)

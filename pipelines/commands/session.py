@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labpipe.errors import LabpipeError, StorageError
+from labpipe.notebook import text_table
 from labpipe.workflow.exclusions import exclusions
 from pipelines import session as verbs
 from pipelines.cli import as_document as error_document, printable, report_error
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from labpipe.workflow.session import Session
     from pipelines.session import Gap, Verdicts
 
-_STATE_WIDTH = 10
 _NEVER_RUN = "never run"
 _SHOWN = 3  # findings on one experiment that a command prints
 
@@ -131,15 +131,15 @@ def plan(session: Path, **options: Any) -> None:
     left_out = excluded_in(made.session)
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
         steps = list(own)
-        lines += ["", f"{experiment} ({made.session.experiments[experiment].kind})"]
         states = [(row.state, row.reason) for row in steps]
         if all(row.reason.startswith(_NEVER_RUN) for row in steps):
             states = [("will run", _NEVER_RUN)]
         names_of = [row.stage if row.recording is None else f"{row.stage} [{row.recording}]" for row in steps]
         if len(steps) > 1 and len(set(states)) == 1:  # one line for all
             states, names_of = states[:1], [f"all {len(steps)} steps"]
-        shown = zip(states, names_of, strict=True)
-        lines += [f"  {state:{_STATE_WIDTH}}{name:44} {reason}".rstrip() for (state, reason), name in shown]
+        table = [(state, name, reason) for (state, reason), name in zip(states, names_of, strict=True)]
+        caption = f"{experiment} ({made.session.experiments[experiment].kind})"
+        lines += ["", *text_table(caption, table, most=None).splitlines()]
         lines += [f"  excluded  {text}" for text in left_out.get(experiment, ())]
         changes = made.session.experiments[experiment].overrides.items()
         lines += [f"  laboratory.toml has {name} = {old}, the session {new}" for name, (old, new) in changes]

@@ -21,7 +21,7 @@ _Rows = list[tuple[str, Any, str]]
 _Panels = list[tuple[Any, Any, str, str]]
 """Values along both axes and their labels."""
 _Simulated = tuple["xr.Dataset", _Rows, _Panels]
-_WIDTH, _SHOWN = 34, 5
+_SHOWN = 5
 
 
 def value_option(name: str, unit: str, text: str, **more: Any) -> Callable[[F], F]:
@@ -306,9 +306,10 @@ def _deliver(found: "xr.Dataset", rows: _Rows, panels: _Panels, out: Path | None
 
     units = {name: unit for name, _, unit in rows if unit}
     lists = [(name.removeprefix("impact ")[:-1], value, unit) for name, value, unit in rows if isinstance(value, list)]
-    lines = [f"{name:{_WIDTH}}{text(value, unit)}" for name, value, unit in rows if not isinstance(value, list)]
+    width = 2 + max(len(name) for name, _, _ in rows)
+    lines = [f"{name:{width}}{text(value, unit)}" for name, value, unit in rows if not isinstance(value, list)]
     impacts = list(zip(*([f"{name} {text(v, unit)}" for v in own] for name, own, unit in lists), strict=True))
-    lines += [f"{f'impact {i}':{_WIDTH}}{', '.join(own)}" for i, own in enumerate(impacts[:_SHOWN], 1)]
+    lines += [f"{f'impact {i}':{width}}{', '.join(own)}" for i, own in enumerate(impacts[:_SHOWN], 1)]
     lines += [f"impacts {_SHOWN + 1} to {len(impacts)}: with --json"] if len(impacts) > _SHOWN else []
     emit({name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
 

@@ -1,8 +1,7 @@
 """Renew the README's pictures and its table of the benchmark, and record what they show.
 
-``python -m tests.pipelines.readme`` takes an idle computer, and a Chromium for the report.
-Tests compare the record with figures, reports and errors as they are now: each with the same things of the small
-sessions, which are at hand, so that no campaign is made to find a stale picture.
+``python -m tests.pipelines.readme`` takes an idle computer, and a Chromium for the report. Tests compare the record
+with figures, reports and errors as they are now, of the small sessions that they have at hand.
 """
 
 import datetime
@@ -11,8 +10,10 @@ import html
 import io
 import json
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -28,53 +29,42 @@ FIGURES = {"3.10": 1000, "3.14": 500, "3.16": 1000, "B.2": 1000}  # px wide
 ADVICE = "the README is stale; renew its pictures and its table: python -m tests.pipelines.readme"
 HEAD = "| what | ours | other method | its error / ours | its time / ours |\n|---|---|---|---|---|\n"
 NAMES = {
-    "drop-first": "first impact",
-    "drop-train": "34 bounces",
-    "line-tapping-1": "tapping, one term",
-    "line-tapping-15": "tapping, 15 terms",
-    "velocity": "velocity",
-    "dic": "image correlation",
+    "drop-first": "first impact", "drop-train": "34 bounces", "line-tapping-1": "tapping, one term",
+    "line-tapping-15": "tapping, 15 terms", "velocity": "velocity", "dic": "image correlation",
     "contact-radius": "contact radius",
-}
+}  # fmt: skip
+WORD = r"[^\W\d_]{2,}"
 
 
 def of_figure(figure: Figure, drawing: Drawing) -> dict[str, list[float] | str]:
     """Return the words of a figure's caption; number of points, and ends and mean of x and y, of every curve."""
-    found: dict[str, list[float] | str] = {"caption": _words(drawing.caption(figure.id, figure.title))}
+    found: dict[str, list[float] | str] = {"caption": " ".join(re.findall(WORD, drawing.caption(figure.id, "")))}
     if data := drawing.data():  # circles on images are no curves
         table = pd.read_csv(io.StringIO(data), keep_default_na=False, na_values={"x": "", "y": ""})
         curves = table.groupby(["panel", "curve", "x_axis", "y_axis"])
         ends = {f"{how} {axis}": (axis, how) for axis in "xy" for how in ("min", "max", "mean")}
         for name, *row in curves.agg(n=("x", "size"), **ends).itertuples(name=None):
-            found[" | ".join(name)] = [float(f"{value:.4g}") for value in row]
+            found[re.sub(r"[+−-]?\d+\.\d+", "#", " | ".join(name))] = [float(f"{value:.4g}") for value in row]
     return found
-
-
-def _words(text: str) -> str:
-    return " ".join(re.findall(r"[^\W\d_]{2,}", text))
 
 
 def of_report(page: Path) -> str:
     """Return the words of a report's first screen."""
     first = page.read_text("utf-8").partition("<main")[2].partition("What the verdict rests on")[0]
     text = html.unescape(re.sub(r"<[^>]+>", " ", re.sub(r"(?s)<(script|style|svg)\b.*?</\1>", " ", first)))
-    return _words(text)
+    return " ".join(re.findall(WORD, text))
 
 
-def recorded() -> dict[str, Any]:
-    """Return the digest of every picture, and what the figures and the report of the small sessions showed."""
-    found: dict[str, Any] = json.loads(RECORD.read_text("utf-8"))
-    return found
+def recorded() -> Any:
+    return json.loads(RECORD.read_text("utf-8"))
 
 
 def digests() -> dict[str, str]:
-    """Return the digest of every picture of the README."""
     names = re.findall(r"\]\(\.github/([^)]+)\)", README.read_text("utf-8"))
     return {name: hashlib.sha256((PICTURES / name).read_bytes()).hexdigest() for name in names}
 
 
 def rows() -> list[list[str]]:
-    """Return the cells of the README's table of the benchmark."""
     return [line.strip("| ").split(" | ") for line in _table(README.read_text("utf-8")).splitlines()]
 
 
@@ -95,10 +85,6 @@ def stale(suites: Iterable[Suite]) -> list[str]:
     return said
 
 
-def _ratio(middle: float, low: float | None, high: float | None) -> str:
-    return f"{middle:.2g} " + ("(one run)" if low == high or low is None else f"({low:.2g} – {high:.2g})")
-
-
 def main() -> None:
     """Draw all anew."""
     from pipelines.bench import page
@@ -113,25 +99,20 @@ def main() -> None:
     assert not failures, failures
     suites = [suite for part in measured for suite in part.suites if suite.name in NAMES]
     (PICTURES / "bench-drop.svg").write_bytes(page.draw(next(s for s in suites if s.name == "drop-first")))
-    kept = {(name, other): (ours, ratio, time) for name, ours, other, ratio, time in rows()}
-    here = {point.group for suite in suites for point in suite.points}
-    table: dict[tuple[str, str], tuple[str, str, str]] = {}
-    for suite, other, ours, error, *taken in getattr(page.ratios(suites), "rows", ()):
-        key = NAMES[suite], other
-        before = kept.get(key, ("", "", "–"))[2]  # stays where the computer was busy
-        table[key] = ours, f"{float(f'{error:.2g}'):,g}", before if taken[0] is None else _ratio(*taken)
-    table |= {key: row for key, row in kept.items() if key[1].startswith("pyidi") and "pyidi" not in here}
-    lines = (
-        f"| {name} | {ours} | {other} | {ratio} | {time} |" for (name, other), (ours, ratio, time) in table.items()
-    )
+    lines = [f"| {' | '.join(row)} |" for row in rows() if row[2].startswith("pyidi") and not find_spec("pyidi")]
+    for suite, other, ours, error, time, low, high in getattr(page.ratios(suites), "rows", ()):
+        ends = "one run" if low == high else f"{low:.2g} – {high:.2g}"
+        cell = "–" if time is None else f"{time:.2g} ({ends})"  # unknown where the computer was busy
+        lines.append(f"| {NAMES[suite]} | {ours} | {other} | {float(f'{error:.2g}'):,g} | {cell} |")
     text = README.read_text("utf-8").replace(_table(README.read_text("utf-8")), "\n".join(lines))
     day = f"{datetime.date.today():%-d %B %Y}"
     README.write_text(re.sub(r"(?<=`labpipe bench --quick` on )\d+ \w+ \d+", day, text), "utf-8")
     record: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix="labpipe-readme-") as place:
         folder = Path(place)
-        for name in ("thesis", "thesis-small", "core"):
-            sample(name, folder / name)
+        sample("thesis", folder / "thesis")
+        for name in ("thesis-small", "core"):
+            shutil.copytree(ROOT / "sample_data" / name, folder / name)
         figures(FIGURES, session=folder / "thesis", out=folder / "figures", jobs=2)
         figures(FIGURES, session=folder / "thesis-small", out=folder / "small", jobs=2)
         for one, width in FIGURES.items():

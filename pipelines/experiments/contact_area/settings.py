@@ -12,14 +12,14 @@ Corner = tuple[Pixel, Pixel]
 class ContactArea(OfCamera, frozen=True, kw_only=True):
     """A film of the contact between sphere and disc during one drop.
 
-        ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
-        light; without it (white light) only the edge of the dark spot can be measured, which is
-            several micrometres worse. ``counter_body`` is the disc. ``exposure`` replaces that in the film's file.
-            ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
-        the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
-        a label may be taken for it. ``work_of_adhesion`` of the surfaces determines the distance of the edge
-        of a contact from the Hertz-equivalent radius that fringes show (0: they do not stick); without it anywhere
-        up to where that of a clean smooth polymer puts it.
+    ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
+    light; without it (white light) only the edge of the dark spot can be measured, which is
+        several micrometres worse. ``counter_body`` is the disc. ``exposure`` replaces that in the film's file.
+        ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
+    the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
+    a label may be taken for it. ``work_of_adhesion`` of the surfaces determines the distance of the edge
+    of a contact from the Hertz-equivalent radius that fringes show (0: they do not stick); without it anywhere
+    up to where that of a clean smooth polymer puts it.
     """
 
     alternatives: ClassVar = (("plate", "plate_from"),)

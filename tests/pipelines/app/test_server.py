@@ -133,6 +133,11 @@ def edits(*values: tuple[str, str]) -> list[dict[str, object]]:
     ]
 
 
+def fill_in(page: Page) -> None:
+    page.propose()
+    page.told("api/write", {"base": page.told("api/session")["base"], "edits": edits(*FILLED)})
+
+
 def test_a_session_is_set_up_and_written_after_its_difference(page: Page, raw: Path) -> None:
     before = contents(raw)
     page.propose()
@@ -271,9 +276,7 @@ def until(page: Page, is_so: Callable[[dict], bool]) -> dict:
 
 @pytest.mark.slow
 def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> None:
-    page.propose()
-    base = page.told("api/session")["base"]
-    page.told("api/write", {"base": base, "edits": edits(*FILLED)})
+    fill_in(page)
     page.told("api/run", {"action": "process"})
     assert page.ask("api/run", {"action": "process"})[0] == 400
     until(page, lambda state: any(e["kind"] == "done" for e in state["events"]))
@@ -289,12 +292,6 @@ def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> 
     assert not done & again
     assert {e["experiment"] for e in ended["events"] if e["kind"] == "verdict"} == {"drop", "nbr"}
     assert "reports/drop.html" in page.told("api/files")["pages"]
-
-
-def fill_in(page: Page) -> None:
-    page.propose()
-    base = page.told("api/session")["base"]
-    page.told("api/write", {"base": base, "edits": edits(*FILLED)})
 
 
 @pytest.mark.slow

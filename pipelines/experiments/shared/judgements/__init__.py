@@ -18,11 +18,10 @@ from pipelines.experiments.shared.judgements._page import (
     with_minus as with_minus,
     written_place as written_place,
 )
+from pipelines.experiments.shared.judgements._scene import Basis as Basis, Scene as Scene
 from pipelines.experiments.shared.judgements._stage import (
     MEASURED as MEASURED,
     OF_FILM as OF_FILM,
-    Basis as Basis,
-    Scene as Scene,
     Title as Title,
     Titles as Titles,
     judgement as judgement,

@@ -1,7 +1,7 @@
 """The stage of a judgement: titles of checks, the experiments it rests on, and checks and comparison as one verdict."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Agreement, Cause, Check, Judgement, agreement, detectable, judge, model_verdict, to_json
+from labpipe.judging import Agreement, Check, Judgement, agreement, detectable, judge, model_verdict, to_json
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import every_setting
-from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements._page import MATTERS, believed
+from pipelines.experiments.shared.judgements._page import MATTERS
+from pipelines.experiments.shared.judgements._scene import Basis, Scene
 from pipelines.experiments.shared.judgements._suspects import Compared, curve_differs, explanations, undecided_by
 from pipelines.experiments.shared.judgements._usual import measured_by, uncertainties_stated
 
@@ -82,74 +82,6 @@ def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
 def laws(titles: Titles) -> dict[str, str]:
     """Return the sentence of each check of a kind, in the order of its page."""
     return {title: of.law for title, of in {**titles, **COMMON}.items()}
-
-
-_OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
-_OF_ANOTHER = "the specimen is of another material than that of {}"
-
-
-class Basis(NamedTuple):
-    """Verdicts on the experiments that one rests on: its material's DMA, its plate, its laser.
-
-    There is one of ``checks`` for each of them. ``is_sound``: none of them is impossible; a result computed from an
-    impossible one is no expectation, so that no model is compared with it.
-    """
-
-    checks: Sequence[Check] = ()
-    is_sound: bool = True
-
-    @property
-    def reason(self) -> str:
-        """Those that are not believable, "" for none."""
-        return "; ".join(check.message for check in self.checks if check.level)
-
-    @classmethod
-    def of(cls, results: Iterable[Any]) -> "Basis":
-        """Take the judgements of the experiments, or lists of them, where they are."""
-        every = (one for found in results for one in (found if isinstance(found, list) else [found]))
-        words = {str(one.attrs["experiment"]): believed(one).believable for one in every if one is not None}
-        checks = []
-        for name, word in words.items():
-            is_bad = word in ("doubtful", "impossible")
-            text = f"it rests on {name}, which is {word}" if is_bad else f"{name} is believable"
-            checks.append(Check(f"input from {name}", text, "note" if is_bad else None, cause=f"see {name} first"))
-        return cls(checks, "impossible" not in words.values())
-
-
-class Scene(NamedTuple):
-    """Checks, causes and comparison of an experiment.
-
-    ``rows`` are those of the comparison, empty where there is no model. ``inputs`` are values and uncertainties of
-    the inputs in their slopes; ``shared`` are those that nobody states and could have stated wrongly, such as the
-    scatter of another measurement. The checks of ``basis`` are added to the others. ``unstated`` is an explanation of a
-    model that differs by something that nobody states; it comes first. ``measured_by`` is the experiment or file that
-    knows the modulus of the material, "" where that is known by its name alone. ``alternatives`` simulates, for rows
-    and their covariance, other materials and temperatures
-    (:mod:`pipelines.experiments.shared.alternatives`). ``stated`` are all quantities that the settings hold, with their
-    places.
-    """
-
-    checks: Sequence[Check]
-    causes: Sequence[Cause] = ()
-    rows: Sequence[Row] = ()
-    inputs: Mapping[str, Quantity] = {}
-    shared: Mapping[str, Quantity] = {}
-    basis: Basis = Basis()
-    unstated: str = ""
-    measured_by: str = ""
-    alternatives: Callable[[Sequence[Row], Any], Sequence[Any]] | None = None
-    stated: Sequence[tuple[str, Quantity]] = ()
-
-    def place(self, name: str) -> str:
-        """Return the setting that states an input, " (sphere.mass)"; empty where it is not known."""
-        same = [place for place, value in self.stated if value == self.inputs[name]]
-        named = [place for place in same if place.rpartition(".")[2] in name] or same
-        return f" ({named[0]})" if len(named) == 1 else ""
-
-    @property
-    def another_material(self) -> str:
-        """Sentence where another modulus would explain a model that differs."""
-        return _OF_ANOTHER.format(self.measured_by) if self.measured_by else _OF_NAME
 
 
 def u_modulus(material: Any) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence, Set
 from math import exp, inf, isclose, log
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -24,10 +24,8 @@ from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import TIED, chance, of_error
+from pipelines.experiments.shared.judgements._scene import Scene
 from pipelines.experiments.shared.material_choice import is_unstated
-
-if TYPE_CHECKING:
-    from pipelines.experiments.shared.judgements._stage import Scene
 
 _UNEXPLAINED = (
     "no input alone explains it: the specimen is probably of another material or in another state than stated, or "
@@ -62,7 +60,7 @@ class Compared(NamedTuple):
     slack: Floats
 
     @classmethod
-    def of(cls, scene: "Scene", own_part: float = 0.05) -> "Compared":
+    def of(cls, scene: Scene, own_part: float = 0.05) -> "Compared":
         """Take the rows of a scene whose differences have uncertainties, shared by inputs or their own.
 
         At least a part of each is its own, not shared with other rows: slopes are no better.
@@ -176,7 +174,7 @@ def curve_differs(row: Row) -> str:
     )
 
 
-def explanations(scene: "Scene", judged: Judgement, compared: Compared, most: int = 2) -> tuple[list[str], bool]:
+def explanations(scene: Scene, judged: Judgement, compared: Compared, most: int = 2) -> tuple[list[str], bool]:
     """Explain why measurement and model differ, the likeliest explanation first; and return whether that is plausible.
 
     The one recording that differs where no input explains all, other materials, other temperatures and typing errors
@@ -227,7 +225,7 @@ def _one_recording(compared: Compared) -> list[str]:
     return [said.format(name) for name in alone] if len(alone) == 1 else []
 
 
-def _alternatives(scene: "Scene", compared: Compared, chi2: float) -> list[str]:
+def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
     """Name the other material or temperature that explains most of a difference.
 
     After a temperature that its stated uncertainty excludes, a material that is in no library is named.
@@ -245,7 +243,7 @@ def _share(share: float) -> str:
     return f"that would explain {100 * share:.0f}{TIED}% of it"
 
 
-def _is_refuted(error: _Error, scene: "Scene", judged: Judgement) -> bool:
+def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
     """Return whether an error that explains the difference would have failed a check that passed."""
     name, given = error.name, error.given
     if not given.value or not abs(error.size) < abs(given.value):
@@ -258,7 +256,7 @@ def _is_refuted(error: _Error, scene: "Scene", judged: Judgement) -> bool:
     return any(by > DOUBTFUL * check.u_log_ratio for by, check in moved)
 
 
-def _by_a_factor(scene: "Scene", compared: Compared, close: Set[str], refuted: Set[str]) -> tuple[list[str], list[str]]:
+def _by_a_factor(scene: Scene, compared: Compared, close: Set[str], refuted: Set[str]) -> tuple[list[str], list[str]]:
     """Name the stated value that is probably another by a usual factor, a diameter for a radius or a unit; or by any.
 
     Where an input that has no uncertainty, such as a modulus that nobody measured, would do the same, none is named but
