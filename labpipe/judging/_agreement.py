@@ -85,16 +85,17 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
     return Agreement(chi2, count, float(special.chdtrc(count, chi2)), float(np.abs(d / np.sqrt(variances)).max()))
 
 
-def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
+def model_verdict(found: Agreement | None, could_notice: bool, curves: Sequence[float] = ()) -> ModelVerdict:
     """Say in one word whether the model agrees; None where there is no model.
 
-    ``could_notice``: whether the comparison could have shown an error that matters (see :func:`detectable`).
+    ``could_notice``: whether the comparison could have shown an error that matters (see :func:`detectable`). ``curves``
+    are probabilities of whole curves, which are compared one by one.
     """
     if found is None:
         return "none"
     # one row among many is the largest by chance (Bonferroni); many that agree shall not hide it
     alone = float(special.erfc(found.largest / sqrt(2.0))) * found.degrees_of_freedom
-    if min(found.p, alone) < DIFFERS:
+    if min(found.p, alone, *(p * len(curves) for p in curves)) < DIFFERS:
         return "differs"
     return "agrees" if found.p > LIKELY and could_notice else "undecided"
 

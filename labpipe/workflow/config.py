@@ -102,7 +102,9 @@ class Checker:
                 return self._collection(kind, value, place, name)
             return self._single(kind, value, place)
         except ValueError as error:  # InputError, or what a structure's own __post_init__ raised
-            return self.report(place, str(error))
+            field, mark, text = str(error).partition(": ")
+            of_field = bool(mark) and isinstance(value, dict) and field in value  # then its line is the one to correct
+            return self.report((*place, field), text) if of_field else self.report(place, str(error))
 
     def _alternative(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
         """Convert to the first of several types that takes a value."""

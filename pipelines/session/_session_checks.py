@@ -229,10 +229,7 @@ def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quant
 
     Each is setting, own and usual value, and the experiments that state the usual one.
     """
-    stated = {  # a default has no line
-        e.name: {s: v for s, v, _ in every_setting(e.settings) if isinstance(v, Quantity) and s in e.lines}
-        for e in session.experiments.values()
-    }
+    stated = {e.name: _stated(e) for e in session.experiments.values()}
     for setting, own in stated.pop(name, {}).items():
         place = _field(setting).split(".")[-2:]
         others = [
@@ -240,6 +237,15 @@ def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quant
         ]
         if (usual := _usual(own, others)) is not None:
             yield setting, own, usual[1], list(dict.fromkeys(e for e, v in others if _is_same(usual[1], v)))
+
+
+def _stated(experiment: Experiment) -> dict[str, Quantity]:
+    """Return the quantities that an experiment states, and counts beside them, such as tips: those differ by one."""
+    given = [(s, v) for s, v, _ in every_setting(experiment.settings) if s in experiment.lines]  # a default has no line
+    found = {s: v for s, v in given if isinstance(v, Quantity)}
+    tables = {s.rpartition(".")[0] for s in found} - {""}
+    counts = {s: Quantity(float(v), 0.1, "1") for s, v in given if type(v) is int and s.rpartition(".")[0] in tables}
+    return found | counts
 
 
 def _mistyped(session: Session) -> _Owned:
@@ -290,7 +296,7 @@ def _slip(value: Quantity, expected: Quantity) -> float:
 def _written(value: Quantity) -> str:
     from labpipe.report import quantity
 
-    return quantity(value.value, value.si, 4)
+    return f"{value.value:.4g}" if value.si == "1" else quantity(value.value, value.si, 4)
 
 
 def _material_names(session: Session) -> _Owned:

@@ -22,6 +22,7 @@ from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.judging import Finding
 from labpipe.notebook import Shown, ShownAsTable
+from labpipe.text import survey
 from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.document import parse
@@ -288,8 +289,10 @@ def placed(session: Session, experiment: Experiment, finding: Finding) -> Findin
     if line is None:
         named = named_at(session).get(finding.file)
         return finding if named is None else replace(finding, value=f"named in {FILE_NAME}:{named}")
-    text = ""
-    with contextlib.suppress(OSError), session.path(finding.file).open(encoding="utf-8", errors="replace") as lines_:
+    text, path, encoding = "", session.path(finding.file), "utf-8"
+    with contextlib.suppress(LabpipeError):
+        encoding = survey(path).encoding
+    with contextlib.suppress(OSError), path.open(encoding=encoding, errors="replace") as lines_:
         text = next(islice(lines_, line - 1, None), "")
     return replace(finding, line=line, value=shorten(text.strip(), _LONGEST_LINE, placeholder=" …"))
 

@@ -37,6 +37,24 @@ def write(folder: Path) -> Path:
     return folder
 
 
+def write_temperatures(folder: Path) -> Path:
+    """Write nine isotherms and a temperature sweep of one specimen."""
+    solid, temperatures = SOLIDS["acrylic"], tuple(np.arange(-40.0, 41.0, 10.0).tolist())
+    protocol = Protocol(temperatures=temperatures, frequencies=_PROTOCOL.frequencies)
+    write_dma(folder, "acrylic", solid, protocol, 4)
+    files.write_text(folder / TOML, session_head("Mistakes (synthetic)") + dma_section("acrylic", FIRST, solid))
+    return folder
+
+
+def _clamped_anew(cells: list[str], i: int, p: int) -> list[str]:
+    """Enlarge moduli and stress of the frequency sweeps from the sixth on; the temperature sweep follows them."""
+    del p
+    if 5 <= i < 9:
+        for column in (STORAGE, LOSS, STRESS):
+            cells[column] = f"{1.15 * float(cells[column]):.6g}"
+    return cells
+
+
 def _rewritten(change: Callable[[str], str], name: str = FIRST) -> Edit:
     def edit(folder: Path) -> None:
         text = (folder / name).read_text(_CODE)
@@ -145,9 +163,15 @@ ROWS = (
     Mistake("one interval 30 K too high", _scaled(T, 1.0, 30.0, 2), "impossible", ("interval 3",), FIRST),
     Mistake("constant temperature", _rows(_constant_temperature), "impossible", ("constant",), FIRST),
     # files
+    Mistake("file cut", _rewritten(lambda text: text[: text.rindex("\t6\t")]), "doubtful", ("copy it again",), FIRST),
     Mistake("same file twice", _copied, "doubtful", ("same",), SECOND),
     Mistake("second file of PTFE", _of("ptfe"), "doubtful", ("another material",), SECOND),
     # what the session states
     Mistake("nu 0.035", setting('nu = "0.35 ± 0.01"', 'nu = "0.035"'), "doubtful", ("decimal point",), TOML, "nu"),
     Mistake("tension for torsion", setting('"torsion"', '"tension"'), "doubtful", ("not tension",), TOML, "mode"),
+)
+
+TEMPERATURE_ROWS = (
+    Mistake("clamped anew", _rows(_clamped_anew), "doubtful", ("interval 6", "factor 1.1"), FIRST),
+    Mistake("label 10 K too low", _scaled(T, 1.0, -10.0, 5), "doubtful", ("interval 6", "not 0.2 °C"), FIRST),
 )

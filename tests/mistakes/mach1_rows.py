@@ -98,6 +98,17 @@ def _renewed(lines: list[str]) -> list[str]:
     return ["\t".join([t, *line.split("\t")[1:]]) for t, line in zip(times, lines[:150] + lines[170:], strict=False)]
 
 
+def _force(change: Callable[[float, float], float], name: str, block: int) -> Edit:
+    """Change the force of one block, by time [s] and force [N]."""
+
+    def changed(line: str) -> str:
+        t, x, f = map(float, line.split("\t"))
+        return f"{t:.6f}\t{x:.6f}\t{change(t, f):.6f}"
+
+    return rows(lambda lines: [changed(line) if _ROW.match(line) else line for line in lines], name, block)
+
+
+_SLIPS = ("specimen or punch slipped", "at 3.00 s")
 _NOISE = np.random.default_rng(7)
 
 _COLUMNS: tuple[tuple[str, Callable[[float, float, float], Row], str], ...] = (
@@ -148,6 +159,9 @@ WAVE_ROWS = (
     # commands
     _declared(WAVES, "Amplitude, mm", "0.0100", "0.1000", "declared amplitude is 10 times"),
     _declared(WAVES, "Frequency, Hz", "1.0", "2.0", "declared frequency is 2 times"),
+    # one block
+    Mistake("force reversed", _force(lambda t, f: -f, WAVES, -1), "impossible", ("reversed in block",), WAVES),
+    Mistake("slip between cycles", _force(lambda t, f: f + 2.0 * (t > 2.995), WAVES, -1), "doubtful", _SLIPS, WAVES),
     # rows
     Mistake("rows lost, times renewed", rows(_renewed, WAVES), "impossible", ("rows were lost",), WAVES),
     Mistake("rows lost", rows(lambda r: r[:150] + r[210:], WAVES), "impossible", ("missing",)),
@@ -158,6 +172,7 @@ HOLD_ROWS = (
     *_of_columns(HOLD, "position and force swapped", "sign of the force", "time in ms", "force in mN", "cell dead"),
     _declared(HOLD, "Amplitude, mm", "0.0980", "0.9800", "declared amplitude is 10 times", _RELAX),
     _declared(HOLD, "Velocity, mm/s", "1.0000", "0.1000", "declared velocity is too small by a factor of 10", _RELAX),
+    Mistake("slip in a hold", _force(lambda t, f: f + 0.3 * (t > 2.995), HOLD, -1), "doubtful", _SLIPS, HOLD, "\t"),
     Mistake(
         "force in kgf under N", columns(lambda t, x, f: (t, x, f / 9.80665), HOLD), "doubtful", ("factor of 9.8",), HOLD
     ),

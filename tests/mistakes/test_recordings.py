@@ -30,6 +30,7 @@ CORPORA = {
     "oscillation": Corpus(mach1_rows.write_waves, mach1_rows.WAVE_ROWS, ("oscillations",), "comparison"),
     "relaxation": Corpus(mach1_rows.write_holds, mach1_rows.HOLD_ROWS, ("ramps",), "comparison", every=10),
     "rheometer": Corpus(dma_rows.write, dma_rows.ROWS, ("readings",), every=3),
+    "temperatures": Corpus(dma_rows.write_temperatures, dma_rows.TEMPERATURE_ROWS, ("master_curve",), every=1),
     "plate": Corpus(plate_rows.write, plate_rows.ROWS, ("table",), "comparison", "plate", 12),
     "static": Corpus(static_rows.write, static_rows.ROWS, ("approach",), "comparison"),
 }

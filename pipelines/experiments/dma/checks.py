@@ -4,24 +4,29 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from math import inf, log, log10, pi
+from math import inf, log, log10, pi, sqrt
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import median_filter
 
 from labpipe.arrays import Floats
-from labpipe.judging import DOUBTFUL, Check, Level, bounded, in_words, not_made
+from labpipe.judging import DOUBTFUL, Check, Level, bounded, doubtful_among, in_words, not_made
 from labpipe.materials import isothermal_runs, loading_of, modulus_factor, trusted_rows
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.dma.measured import ramps_of
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
 
 _POLYMERS = (3e4, 5e10)  # Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
+_FEWEST = 3  # sweeps of a part of them, or to either side of one
+_LABEL, _CLAMP = "temperature by the shifts", "sweeps of one specimen"
 _PLACE = (("temperature", "degC"), ("frequency", "Hz"))
 _EXCHANGED = "the columns of storage and loss modulus are exchanged"
 _FAILED = {
@@ -46,16 +51,16 @@ TITLES = {
     ),
     "temperature": Title(
         "Temperatures are measured, in °C, and moduli fall as they rise.",
-        ("temperatures", "temperature is measured", "order with temperature"),
+        ("temperatures", "temperature is measured", "order with temperature", _LABEL),
     ),
-    "one specimen": Title("All files are of one specimen.", ("files of one specimen",)),
+    "one specimen": Title("All files and all sweeps of a file are of one specimen.", ("files of one specimen", _CLAMP)),
     "superposition": Title("One master curve describes all temperatures.", ("superposition",)),
     "Poisson's ratio": Title("Polymers have Poisson's ratios of 0.2 to 0.5.", ("Poisson's ratio",)),
 }
 
 
 class Export(NamedTuple):
-    """One export: its trusted rows, and the isothermal sweeps that have enough of them.
+    """One export: its trusted rows, the isothermal sweeps that have enough of them, and sweeps of temperature.
 
     Sweeps are in ascending order of frequency, with the attributes ``file``, ``temperature`` (the mean, degC) and
     ``place``: file, temperature, and interval there.
@@ -65,6 +70,7 @@ class Export(NamedTuple):
     data: xr.Dataset
     sweeps: list[xr.Dataset]
     settings: Dma
+    ramps: list[xr.Dataset]
 
     @classmethod
     def of(cls, name: str, data: xr.Dataset, settings: Dma) -> "Export":
@@ -78,7 +84,7 @@ class Export(NamedTuple):
                 place += f", interval {int(one['interval'][0])}" if "interval" in one else ""
                 one = one.isel(sample=np.argsort(one["frequency"].values, kind="stable"))
                 sweeps.append(one.assign_attrs(file=name, temperature=T, place=place))
-        return cls(name, data.isel(sample=np.sort(good)), sweeps, settings)
+        return cls(name, data.isel(sample=np.sort(good)), sweeps, settings, ramps_of(data))
 
     def values(self, name: str) -> Floats:
         """Return one column; zeros where there is none."""
@@ -100,10 +106,10 @@ def judgement(
     exports = [export for export in exports if export.data.sizes["sample"]]
     checks = [*judgements.failed_steps(context, _FAILED), *_settings(exports, settings)]
     checks += [check for export in exports for of in (_moduli, _temperatures) for check in of(export)]
-    checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality)]
+    checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality, _clamped)]
     every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
     checks += [_softening(every), *_one_specimen(exports, 2 * settings.sweeps.tolerance)]
-    return Scene([*checks, _superposition(master_curve)])
+    return Scene([*checks, _by_shifts(master_curve, every, settings.sweeps.tolerance), _superposition(master_curve)])
 
 
 def _settings(exports: Sequence[Export], settings: Dma) -> Iterator[Check]:
@@ -382,6 +388,101 @@ def _one_specimen(exports: Sequence[Export], tolerance: float) -> Iterator[Check
             yield second.seen(name, text, level, f"{second.name} is of another material, or has another unit")
     if not is_known:
         yield not_made(name, "isotherms that two files share")
+
+
+def _clamped(export: Export) -> Check:
+    """Compare the frequency sweeps with the temperature sweeps of one file, at equal temperature and frequency.
+
+    Clamped anew, or slipped, a specimen has other moduli from one interval on. Temperatures may stray by the tolerance.
+    """
+    pairs, strays = list[tuple[float, float, str]](), export.settings.sweeps.tolerance
+    for ramp, sweep in product(export.ramps, export.sweeps):
+        ascending = ramp.isel(sample=np.unique(ramp["temperature"].values, return_index=True)[1])
+        T, x, at = ascending["temperature"].values, sweep["frequency"].values, float(ascending["frequency"].median())
+        here = float(sweep.attrs["temperature"])
+        if not (x[0] < 1.01 * at and at < 1.01 * x[-1] and T[0] < here < T[-1]):
+            continue
+        sizes = [
+            np.log(np.hypot(one["storage_modulus"].values, one["loss_modulus"].values)) for one in (ascending, sweep)
+        ]
+        expected, curve = (
+            np.interp(here + np.array([-strays, 0.0, strays]), T, sizes[0]),
+            PchipInterpolator(T, sizes[0]),
+        )
+        u = np.hypot(np.abs(expected - expected[1]).max(), expected[1] - curve(here))
+        pairs.append(
+            (float(np.interp(log(at), np.log(x), sizes[1]) - curve(here)), float(u), str(sweep.attrs["place"]))
+        )
+    if len(pairs) < 2 * _FEWEST:
+        return not_made(_CLAMP, f"{2 * _FEWEST} sweeps within a temperature sweep of the same file")
+    d, u = np.array([pair[:2] for pair in pairs]).T
+    noise = float(np.median(np.abs(np.diff(d)))) / (NormalDist().inv_cdf(0.75) * sqrt(2.0))
+    weight = 1.0 / (u**2 + max(noise, 0.1 * _DRIFT) ** 2)
+
+    def mean(part: slice) -> tuple[float, float]:
+        return float(np.average(d[part], weights=weight[part])), float(weight[part].sum() ** -0.5)
+
+    splits = range(_FEWEST, d.size - _FEWEST + 1)
+    steps = {k: (mean(slice(k, None)), mean(slice(k))) for k in splits}
+    k = max(steps, key=lambda k: abs(steps[k][0][0] - steps[k][1][0]) / np.hypot(steps[k][0][1], steps[k][1][1]))
+    (after, u_after), (before, u_before) = steps[k]
+    margin = (after - before) / float(np.hypot(u_after, u_before))
+    if abs(margin) > doubtful_among(len(splits)) and abs(after - before) > 4 * _DRIFT * log(10.0):
+        text = (
+            f"{pairs[k][2]}: from here on moduli are {in_words(np.exp(after))} times those of the temperature sweep at "
+        )
+        text += f"equal temperature and frequency, before it {in_words(np.exp(before))} times"
+        cause = f"the specimen slipped or was clamped anew before {pairs[k][2]}: moduli differ by a factor "
+        cause += f"{in_words(np.exp(after - before))} from there on"
+        return export.seen(_CLAMP, text, "doubtful", cause)
+    offset, u_offset = mean(slice(None))
+    text = (
+        f"{export.name}: moduli of frequency sweeps are {in_words(np.exp(offset))} times those of the temperature sweep"
+    )
+    is_off = abs(offset) > max(DOUBTFUL * u_offset, 4 * _DRIFT * log(10.0))
+    cause = "specimen, clamping or strain changed between temperature sweep and frequency sweeps"
+    return export.seen(_CLAMP, text, "doubtful" if is_off else None, cause)
+
+
+def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: float) -> Check:
+    """Compare the temperature of each sweep, which strays [K] a little, with that of its shift on the course of others.
+
+    Their own scatter about one course says how well it is known; the uncertainties of a fit with a wrong label do not.
+    """
+    if curve is None or curve.sizes.get("temperature", 0) < 2 * _FEWEST or not sweeps:
+        return not_made(_LABEL, f"shifts of {2 * _FEWEST} temperatures")
+
+    def implied(shifts: Floats) -> Floats:
+        """Return by how much the temperature that the others imply exceeds each, of shifts in ascending order."""
+        found = []
+        for i in range(shifts.shape[1]):
+            T, log_aT = np.delete(shifts, i, axis=1)
+            end = int(np.clip(np.searchsorted(log_aT, shifts[1, i]), 1, T.size - 1))  # an end is extrapolated
+            slope = (T[end] - T[end - 1]) / max(log_aT[end] - log_aT[end - 1], 1e-3)
+            found.append(float(T[end] + slope * (shifts[1, i] - log_aT[end]) - shifts[0, i]))
+        return np.array(found)
+
+    known = np.array([curve["temperature"].values, curve["log10_aT"].values])
+    known = known[:, np.argsort(known[1])]
+    found = []
+    for i, off in enumerate(implied(known)):
+        # without the sweep whose temperature is wrong the others lie on a smooth course, its neighbours as well
+        rest = np.abs(implied(np.delete(known, i, axis=1)))
+        near = np.sqrt(np.mean(rest[max(i - 2, 0) : i + 2] ** 2))
+        scatter = max(float(np.median(rest)) / NormalDist().inv_cdf(0.75), float(near))
+        found.append((abs(off) / (DOUBTFUL * scatter + strays), off, i))
+    worst, off, i = max(found)
+    T = float(known[0, i])
+    if worst <= 1.0:
+        return Check(
+            _LABEL, f"{worst:.2f} shifts of {len(found)} sweeps follow one course, the farthest off by {abs(off):.1f} K"
+        )
+    sweep = min(sweeps, key=lambda one: abs(float(one.attrs["temperature"]) - T))
+    place, same = str(sweep.attrs["place"]), np.abs(np.delete(known[0], i) - T) <= strays
+    text = f"{place}: its shift lies on the course of the others at {T + off:.0f} °C"
+    text += ", and another sweep is stated at the same temperature" * bool(same.any())
+    cause = f"the temperature of {place} is probably {T + off:.0f} °C, not {T:.1f} °C"
+    return Check(_LABEL, text, "doubtful", cause=cause, file=sweep.attrs["file"])
 
 
 def _superposition(curve: xr.Dataset | None) -> Check:

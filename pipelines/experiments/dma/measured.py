@@ -86,16 +86,26 @@ def _scale(settings: Dma) -> Quantity:
     return Quantity(value, value * hypot(scale.u / scale.value, factor.u / factor.value), "1")
 
 
+def ramps_of(readings: xr.Dataset) -> list[xr.Dataset]:
+    """Return the trusted readings of each sweep of temperature at one frequency."""
+    tables = [
+        readings.isel(sample=rows) for rows in trusted_rows(readings) if rows.size >= 2 * glass_transition.MEAN_OF
+    ]
+    return [
+        one
+        for one in tables
+        if np.ptp(f := one["frequency"].values) < _ONE_FREQUENCY * np.median(f)
+        and np.ptp(one["temperature"].values) >= _LEAST_RAMP
+    ]
+
+
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
     factor = modulus_factor(settings.mode, settings.nu.value) * _scale(settings).value
     ramps = []
-    for run in (one.isel(sample=rows) for one in readings for rows in trusted_rows(one) if rows.size):
-        frequency, T = run["frequency"].values, run["temperature"].values
-        constant = np.ptp(frequency) < _ONE_FREQUENCY * np.median(frequency)
-        if constant and np.ptp(T) >= _LEAST_RAMP and T.size >= 2 * glass_transition.MEAN_OF:
-            moduli = (factor * run[name].values for name in ("storage_modulus", "loss_modulus"))
-            ramps.append((float(np.median(frequency)), np.array([T, *moduli])))
+    for run in (run for one in readings for run in ramps_of(one)):
+        columns = (run["temperature"], factor * run["storage_modulus"], factor * run["loss_modulus"])
+        ramps.append((float(run["frequency"].median()), np.array(columns)))
     if not ramps:
         return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
     return glass_transition.transitions(ramps)

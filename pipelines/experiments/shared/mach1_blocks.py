@@ -1,6 +1,8 @@
 """Blocks of a Mach-1 file: columns, declared values of the header, and the motion and stiffness in the readings."""
 
 import json
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from math import nan
 from typing import Any
@@ -10,10 +12,12 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals import active_window
+from labpipe.signals import active_window, fit_sinusoid
 from pipelines.experiments.shared.mach1_readings import bridged, ramp_speed
 
 OSCILLATION, RELAXATION, FIND_CONTACT = "Sinusoid", "Stress Relaxation", "Find Contact"
+_TREND = 3  # degree of the relaxation of an oscillating force
+_ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
 _CLEAR, _SHARE = 10.0, 0.2
 """Standard uncertainties, and share of the spread of the readings, by which a force must rise with the position."""
 
@@ -69,6 +73,26 @@ class Part:
     def row_line(self, index: int) -> int:
         """Return the line of a reading; a line divides each segment from the next."""
         return self.header_line + 1 + index + int(self.segment[index] - self.segment[0])
+
+    def settling(self) -> Iterator[tuple[int, Floats, int]]:
+        """Yield the force of every hold, and that of an oscillation without its waves: both change smoothly.
+
+        Each has the index of its first reading, and the number of those in which the stage was still on its way.
+        """
+        if self.function == OSCILLATION:
+            with suppress(InputError):
+                window = active_window(self.time, self.position)
+                cycle = 1.0 / window.frequency  # the first and the last are transients
+                inside = (self.time > window.start + cycle) & (self.time < window.end - cycle)
+                time, force = self.time[inside], self.force[inside]
+                fit = fit_sinusoid(time, force, window.frequency, trend_order=_TREND)
+                yield int(np.argmax(inside)), force - fit.at(time), 0
+        for number in np.unique(self.segment) if self.function == RELAXATION else ():
+            rows = np.flatnonzero(self.segment == number)
+            x = self.position[rows]
+            held = float(np.median(x[x.size // 2 :]))
+            still = np.abs(x - held) <= _ARRIVED * float(np.ptp(x))
+            yield int(rows[0]), self.force[rows], int(np.argmax(still))
 
     def moved(self, values: Floats) -> float:
         """Return the amplitude of a column, or its change by the first ramp or approach."""

@@ -45,19 +45,19 @@ from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION,
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.punch_model import TOUCH
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
-from pipelines.experiments.shared.record_checks import FLAT, MANY, break_in, longest_run, placed
+from pipelines.experiments.shared.record_checks import FLAT, MANY, break_in, longest_run, placed, step_in
 
 _AMPLITUDE, _FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
 _TRAVEL, _SPEED, _CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
 _CAPACITY, _SCALE, _DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
 _SATURATION, _RATIO, _RESPONSE = "saturation of the cell", "force for the named material", "response of the cell"
-_SWAPPED, ALIGNMENT = "order of the columns", "lateral force"
-_OUTLIERS, _LOST, _PUNCH = "outliers", "lost rows", "size of the punch"
+_SWAPPED, ALIGNMENT, LOSS = "order of the columns", "lateral force", "loss stiffness"
+_OUTLIERS, _LOST, _STEP, _PUNCH = "outliers", "lost rows", "step of the force", "size of the punch"
 
 TITLES = {
     "columns": Title(
         "Position and force stand in their columns, with the stage's direction and the cell's sign.",
-        (_SWAPPED, _RESPONSE),
+        (_SWAPPED, _RESPONSE, LOSS),
     ),
     "commands": Title(
         "The motion has the amplitude, frequency, travel and speed of its command.",
@@ -70,7 +70,9 @@ TITLES = {
     "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
     "punch": Title("The stated punch can be pressed in so far.", (_PUNCH,)),
     "contact modulus": Title("The force is that of the model for the named material.", (_RATIO,)),
-    "continuity of the readings": Title("A recording holds every reading, without outliers.", (_OUTLIERS, _LOST)),
+    "continuity of the readings": Title(
+        "A recording holds every reading, without outliers and without a step of the force.", (_OUTLIERS, _LOST, _STEP)
+    ),
 }
 _NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
 _FAILED = {
@@ -159,7 +161,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     found = [order, *_commands_kept(blocks), _response(blocks)]
     found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
     found += [*_alignment(blocks), *_range_of_cell(blocks)]
-    return [*found, outliers, lost]
+    return [*found, outliers, lost, _step_of_force(blocks) if lost.level is None else not_made(_STEP, "every row")]
 
 
 def _order_of_columns(blocks: Sequence[Part]) -> Check:
@@ -228,7 +230,9 @@ def _response(blocks: Sequence[Part]) -> Check:
     known = [(part, *part.stiffness) for part in pressed if isfinite(part.stiffness[0])]
     if not known:
         return not_made(_RESPONSE, "a motion of the stage")
-    part, k, u, follows = next((one for one in known if one[-1]), known[0])
+    following = [one for one in known if one[-1]]
+    wrong = [one for one in following if one[1] < 0.0]
+    part, k, u, follows = next(iter(wrong or following or known))
     if not follows:
         text = (
             f"{part.file}: the force varies by {quantity(float(np.nanmax(part.force) - np.nanmin(part.force)), 'N')} "
@@ -248,6 +252,10 @@ def _response(blocks: Sequence[Part]) -> Check:
         f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
         f"(line {part.line + 1 + place}), which says the sign of compression"
     )
+    if wrong and len(wrong) < len(following):
+        right = next(one for one in following if one[1] > 0.0)
+        text += f", {quantity(right[1], 'N/m')} in block {right[0].number + 1}"
+        cause = f"the sign of the force is reversed in block {part.number + 1} (its column, line {part.header_line})"
     return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
 
 
@@ -320,6 +328,27 @@ def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check]:
             return outliers, Check(_LOST, text, "doubtful", cause=cause, file=file, line=line)
         lost = Check(_LOST, f"{file}: the position does not jump", file=file)
     return outliers, lost
+
+
+def _step_of_force(blocks: Sequence[Part]) -> Check:
+    """Look for a step in the relaxation of a held punch, or between cycles of an oscillation at equal phase."""
+    found = []
+    for part in blocks:
+        for first, force, moving in part.settling():
+            if (step := step_in(force, moving)) is not None:
+                at, size, times = step
+                found.append((times, size, part, first + at))
+    if not found:
+        return not_made(_STEP, "a hold, or an oscillation of several cycles")
+    times, size, part, at = max(found, key=lambda one: one[0])
+    if times <= IMPOSSIBLE:
+        text = f"{part}: no step of the force, up to {quantity(abs(size), 'N')} by noise"
+        return Check(_STEP, text, file=part.file)
+    when, line = quantity(float(part.time[at]), "s"), part.row_line(at)
+    text = f"{part}: the force {'rises' if size > 0.0 else 'falls'} by {quantity(abs(size), 'N')} at {when}, "
+    text += f"{in_words(times, 2)} times its scatter, while it is held or oscillates steadily"
+    cause = f"specimen or punch slipped in {part} at {when}, or the cell was knocked: use what precedes, or repeat it"
+    return Check(_STEP, text, "doubtful", cause=cause, file=part.file, line=line)
 
 
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:

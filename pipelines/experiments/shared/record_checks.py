@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
-from math import sqrt
+from math import inf, sqrt
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -262,6 +263,29 @@ def break_in(values: Floats, noise: float) -> tuple[int, float] | None:
     usual = max(3.0 * float(np.quantile(beyond, 0.98)), 0.5 * float(np.nanquantile(np.abs(steps), 0.98)))
     is_break = beyond[at] > usual + doubtful_among(beyond.size) * sqrt(6.0) * noise  # of a second difference
     return (at + 2, float(np.copysign(beyond[at], before[at]))) if is_break else None
+
+
+def step_in(values: Floats, since: int = 0) -> tuple[int, float, float] | None:
+    """Find the largest step of a quantity that else changes smoothly, and is read at even intervals.
+
+    A parabola with a step in its middle is fitted to windows of 16 readings and more; behind ``since``, where the
+    quantity began to settle, a window spans half of the time that has passed at most. Returned are the index of the
+    reading after it, the step, and its ratio to the noise or to the scatter of all steps of such windows, the larger of
+    both; None where the record is too short.
+    """
+    found, noise, half = list[tuple[int, float, float]](), estimate_noise(values).sigma, 8
+    while values.size - since >= 12 * half:
+        place = np.arange(2 * half) - half + 0.5
+        design = np.stack([np.ones_like(place), place, place**2, np.sign(place) / 2.0])
+        weights = np.linalg.pinv(design)[:, 3]
+        first = max(since + 4 * half, half)
+        steps = np.convolve(values, weights[::-1], "valid")[first - half :]
+        at = int(np.argmax(np.abs(steps)))
+        scatter = float(np.median(np.abs(steps - np.median(steps)))) / NormalDist().inv_cdf(0.75)
+        u = max(scatter, noise * float(np.linalg.norm(weights)))
+        found.append((first + at, float(steps[at]), abs(float(steps[at])) / (u or inf)))
+        half *= 2
+    return max(found, key=lambda one: one[2], default=None)
 
 
 def _jumps(trace: Trace) -> Check:

@@ -177,6 +177,8 @@ def test_verdicts_of_models():
     assert model_verdict(fine, could_notice=False) == "undecided"
     assert model_verdict(between, could_notice=True) == "undecided"
     assert model_verdict(off, could_notice=True) == "differs"
+    assert model_verdict(fine, could_notice=True, curves=(1e-5, 0.5)) == "differs"
+    assert model_verdict(fine, could_notice=True, curves=(1e-3, 0.5)) == "agrees"  # of two curves one is so by chance
     alone = agreement([3.8, 0.0, 0.0, 0.0], np.eye(4))  # p of all is 0.006, of one among four 0.0006
     assert model_verdict(alone, could_notice=True) == "differs"
     assert model_verdict(agreement([3.5, 0.0, 0.0, 0.0], np.eye(4)), could_notice=True) == "undecided"

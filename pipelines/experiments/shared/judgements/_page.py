@@ -108,8 +108,9 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     p, told = float(result["p"]), suspected(result)
     if model == "differs":
         explained = "".join(f" {capitalised(text)}." for text in told)
-        largest = f"largest deviation {float(result['largest_deviation']):.1f} u"
-        differs = f"but the {by} differs from it ({chance(p)}, {largest})"
+        largest = f"largest deviation of a single value {float(result['largest_deviation']):.1f} u"
+        of_curves = min((row.p for row in rows if row.is_curve and row.p is not None), default=1.0)
+        differs = f"but the {by} differs from it ({chance(min(p, of_curves))}, {largest})"
         return "warning", f"{believable}, {differs}; {checks}.{shown}{explained}"
     if model == "undecided":
         reason = f"no error of {100 * MATTERS:.0f}{TIED}% in any input would have shown"

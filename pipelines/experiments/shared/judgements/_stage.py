@@ -18,7 +18,7 @@ from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS
 from pipelines.experiments.shared.judgements._scene import Basis, Scene
-from pipelines.experiments.shared.judgements._suspects import Compared, explanations, undecided_by
+from pipelines.experiments.shared.judgements._suspects import Compared, curve_differs, explanations, undecided_by
 from pipelines.experiments.shared.judgements._usual import measured_by, uncertainties_stated
 
 STEPS = "references and processing steps"
@@ -108,9 +108,13 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
     values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
-    model = model_verdict(found, bool((relative < MATTERS).any()) if names else True)
-    reason = ""
-    if model == "differs" and scene.basis.is_sound:
+    curves = [row for row in scene.rows if row.p is not None and row.is_curve]
+    could_notice = bool((relative < MATTERS).any()) if names else True
+    model = model_verdict(found, could_notice, [row.p or 0.0 for row in curves])
+    reason, by_curve = "", ""
+    if model == "differs" and model_verdict(found, could_notice) != "differs":
+        by_curve = curve_differs(min(curves, key=lambda row: row.p or 0.0))
+    elif model == "differs" and scene.basis.is_sound:
         reason = undecided_by(scene.inputs, made)
     elif model == "agrees":
         reason = _doubted(judged, {name for row in made.rows for name in row.slopes} | set(scene.inputs))
@@ -118,8 +122,8 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     told, is_plausible = list[str](), True
     if model == "differs" or not is_held:
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
-        told = [text for text in (first, reason, scene.unstated) if text]
-        found_causes, is_plausible = explanations(scene, judged, made) if made.rows else ([], False)
+        told = [text for text in (first, reason, by_curve, scene.unstated) if text]
+        found_causes, is_plausible = explanations(scene, judged, made) if made.rows and not by_curve else ([], False)
         told, is_plausible = told + found_causes, bool(told) or is_plausible
     agreed = found or Agreement(np.nan, 0, np.nan, np.nan)
     numbers = (
@@ -189,7 +193,10 @@ def judging(
             basis = Basis.of([known.pop(field, None) for field in rests_on], named)
             known |= {} if basis.is_sound else dict.fromkeys(expected)
             found: Scene = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
-            stated = [(place, value) for place, value, _ in every_setting(settings) if isinstance(value, Quantity)]
+            given = [(place, value) for place, value, _ in every_setting(settings)]
+            stated = [(place, value) for place, value in given if isinstance(value, Quantity)]
+            counted = [one for one in given if f"number of {one[0].rpartition('.')[2]}" in found.inputs]
+            stated += [(place, Quantity(float(value), 0.0, "1")) for place, value in counted]
             found = found._replace(checks=[*found.checks, *uncertainties_stated(settings)], stated=stated)
             made = judgement(found, titles)
             return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)

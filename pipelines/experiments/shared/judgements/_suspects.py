@@ -23,7 +23,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.judgements._page import TIED, of_error
+from pipelines.experiments.shared.judgements._page import TIED, chance, of_error
 from pipelines.experiments.shared.judgements._scene import Scene
 from pipelines.experiments.shared.material_choice import is_unstated
 
@@ -162,6 +162,15 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
     return (
         f"state ± of {words}: counted as exact here; with half a unit of the last digit, {shown}, the model would not "
         "differ"
+    )
+
+
+def curve_differs(row: Row) -> str:
+    """Say which curve differs where all single values agree."""
+    condition, off = f" ({row.condition})" * bool(row.condition), f", by {row.texts[2]} on average" * bool(row.texts[2])
+    return (
+        f"{row.quantity}{condition} differs along its curve{off} ({chance(row.p or 0.0)}), while the single "
+        "values agree: a step, a drift or another zero within that recording"
     )
 
 

@@ -157,6 +157,8 @@ def test_times_need_not_be_given_and_one_half_a_minute_off_is_told(session: Path
     ("old", "new", "told"),
     [
         ('mass = "2.5 ± 0.0005 kg"', 'mass = "0.2 kg"', "each must exceed the one before"),
+        ('mass = "2.5 ± 0.0005 kg"', 'mass = "4.0 kg"', "loads 2 and 3 are probably exchanged"),
+        ('mass = "3.5 ± 0.0005 kg"', 'mass = "0.1 kg"', "the totals to state are 0.5 kg, 3 kg, 3.1 kg"),
         ('time = "18.20 min"', 'time = "1 min"', "times must grow"),
     ],
 )
