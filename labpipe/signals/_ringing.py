@@ -109,7 +109,7 @@ def ringing(
 
 
 def blows(
-    time: Floats, signal: Floats, frequency: float, damping_ratio: float, longest_impact: float, noise: float
+    time: Floats, signal: Floats, frequency: float, damping_ratio: float, noise: float, longest_impact: float = 4e-3
 ) -> tuple[Floats, Floats, float]:
     """Find the blows by which an oscillator of one frequency and damping is struck: times, sizes, and their u.
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from math import hypot
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -96,7 +97,7 @@ def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValid
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
-    cause, place = f"{cause}on the holder", {"setting": "tracking.body"}
+    cause, place = f"{cause}on the holder", dict[str, Any](setting="tracking.body")
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
     way, of_way = max(json.loads(track.attrs.get(TURNED, '{"": 0}')).items(), key=lambda one: one[1])
     if of_way > _FOUND:

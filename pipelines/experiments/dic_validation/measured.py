@@ -149,7 +149,7 @@ def statuses(track: xr.Dataset) -> NDArray[np.str_]:
 def repeated(track: xr.Dataset) -> NDArray[np.bool_]:
     """Find frames (frame,) that show the holder exactly as the one before, within the tolerance of the solver."""
     body, limits = track.isel(point=0), (("dx", SOLVED), ("dy", SOLVED), ("zncc", _ALIKE))
-    same = np.all([np.abs(np.diff(body[of].values)) <= limit for of, limit in limits], axis=0)
+    same = np.all([np.abs(np.diff(body[of].values)) <= limit for of, limit in limits if of in body], axis=0)
     return np.append(False, same & (np.diff(track["frame"].values) == 1))
 
 

@@ -18,7 +18,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.comparison import HEIGHT, SERIES, amplitudes, from_others, rows
-from pipelines.experiments.plate_vibration.measured import LONGEST_IMPACT, drops_label
+from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
@@ -114,7 +114,7 @@ def _course(file: str, moved: xr.Dataset, ring: xr.Dataset) -> tuple[Check, Chec
         f"the sign of {file} is reversed: the plate moves away from the blow (sensor.direction, or head upside down)"
     )
     first = bounded(_WAY, f"{text}{quantity(abs(way), 'm')}", way, u, at_most=0.0, file=file, cause=cause)
-    when, size, u = signals.blows(time, y, 1.0 / period, float(ring["damping_ratio"]), LONGEST_IMPACT, noise)
+    when, size, u = signals.blows(time, y, 1.0 / period, float(ring["damping_ratio"]), noise)
     counted = np.flatnonzero((when > onset - period) & (size > _COUNTED * size.max(initial=0.0)))
     when, size = when[counted], size[counted]
     if when.size < 2:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -127,7 +128,7 @@ def _acceleration(fall: Fall, known: Sequence[_Stretch]) -> Check:
         when, seen, own = json.loads(other)
         text = f"{fall.name}: flights from {quantity(when, 's')} on have {shown(seen, own, 'm/s2')}, those before "
         text += f"{shown(g, u_g, 'm/s2')}; they are not evaluated"
-        place = {
+        place: dict[str, Any] = {
             "cause": f"{_CHANGES} there, to {in_words(sqrt(seen / g))} times the one before: {_WHY}",
             "file": fall.name,
             "factor": False,
