@@ -146,7 +146,7 @@ def blocks(lines: Lines) -> list[Block]:
         elif named := headings_of(line):
             block, sign = Block(number, named[0]), named[1]
         elif last is not None and (  # a whole row below some words goes on with the table above them
-            len(cells(line, last.separator)) == max(last.widths) and is_row(line, last, last.separator)
+            len(cells(line, last.separator)) in last.widths and is_row(line, last, last.separator)
         ):
             block = replace(last, rows=[], widths=[], facts=last.facts | stated | stated_in_title(above))
             k, in_step = fill(block, lines, k, last.separator), False

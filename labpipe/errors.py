@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import Self
 
-EXCHANGED, IN_MOTION, MARKER = "width and height", "in motion", "marker"
+EXCHANGED, IN_MOTION, MARKER, TWO_CLOCKS = "width and height", "in motion", "marker", "two clocks"
 UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
 UNREADABLE, UNSAID, NO_INPUT, MISSING = "unreadable", "left unsaid", "no input", "missing"
-"""Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a
-reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one; a
-file that contradicts its format in another way, or that does not state a value needed to read it;
-a step before that gave no result; a file that is not there."""
+"""Reasons: width and height exchanged; a record that begins in motion; a marker in place of a reading; flights of two
+accelerations; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole
+one; a file that contradicts its format in another way, or that does not state a value needed to read it; a step before
+that gave no result; a file that is not there."""
 
 
 class LabpipeError(Exception):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         fit_sinusoid as fit_sinusoid,
     )
     from labpipe.signals._outliers import LONGEST_RUN as LONGEST_RUN, Outliers as Outliers, outliers as outliers
-    from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
+    from labpipe.signals._ringing import Ringing as Ringing, blows as blows, ringing as ringing
     from labpipe.signals._shape_prior import Floor as Floor
 else:
     __getattr__ = lazily(__name__)

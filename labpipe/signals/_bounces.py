@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
+from labpipe.errors import TWO_CLOCKS, InputError
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import LABELS, OUTPUTS, ImpactFit, fit_impact
@@ -81,7 +81,8 @@ def bounces(
         ``rest_time`` [s] (NaN when the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]; without, ``settling_time`` [s]: the last touch, after which no flight can be
         resolved. Attributes: ``direction`` (+1 when larger displacement is higher), ``noise`` (m) of neighbouring
-        samples, ``work``; ``hum`` (:meth:`labpipe.signals.Hum.to_text`) where there is one, which was taken out first.
+        samples, ``work``; ``hum`` (:meth:`labpipe.signals.Hum.to_text`) where there is one, which was taken out first;
+        ``other_fall``, as JSON, where later flights have another acceleration: from when [s], which, its u [m/s2].
 
     Raises
     ------
@@ -142,6 +143,7 @@ def _measured(
             f"m/s in {turns[0].duration:.3g} s, no more than {_IMPULSIVE:.0f} times the fall does"
         )
     impacts, last_touch = fitted(time, height, (sigma, colour), turns, (fall, u_fall), PRIORS[contact], floor)
+    other = _other_fall(time, height, (sigma, colour), turns, fall, float(impacts[-1].value[0]) if impacts else -np.inf)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -150,7 +152,9 @@ def _measured(
             )
             warnings.warn(text, UserWarning, stacklevel=3)
     if not impacts:
-        raise InputError("no bounce found: no impact between two flights of constant acceleration")
+        by_others = "" if other is None else f", but flights from {other[0]:.4g} s on have {other[1]:.3g} m/s2"
+        text = f"no bounce found: no impact between two flights of constant acceleration ({fall:.3g} m/s2{by_others})"
+        raise InputError(text).because("" if other is None else TWO_CLOCKS)
     found = _per_impact(impacts, direction)
     found |= _release(time, height, (sigma, colour), turns[0], impacts[0], (fall, u_fall), direction)
     found |= _rest(time, values, motion.speed, motion.u_speed, impacts[0], last_touch)
@@ -167,6 +171,8 @@ def _measured(
     result.attrs = {"direction": direction, "noise": sigma, "work": json.dumps(counts)}
     if hum is not None:
         result.attrs["hum"] = hum.to_text()
+    if other is not None:
+        result.attrs["other_fall"] = json.dumps(other)
     return result
 
 
@@ -214,6 +220,22 @@ def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) 
 def _is_flight(value: float, u: float, fall: float) -> bool:
     """Whether a curvature is that of the fall, and known well enough to say so."""
     return u <= _FALL_TOLERANCE * fall and abs(value - fall) <= max(_FALL_TOLERANCE * fall, 3.0 * u)
+
+
+def _other_fall(
+    time: Floats, height: Floats, noise: tuple[float, Colour], turns: list[Turn], fall: float, last: float
+) -> tuple[float, float, float] | None:
+    """Find flights after the last impact that was evaluated whose acceleration is constant, but not that of the fall.
+
+    A body that stays in contact swings up as long as down: what lasts twice as long flies.
+    """
+    found = list[tuple[float, float, float]]()
+    for turn, part in zip(turns, flights_after(time, turns), strict=True):
+        value, u = curvature(time[part], height[part], *noise)
+        is_other = value > SURE * u and abs(value - fall) > max(_FALL_TOLERANCE * fall, SURE * u)
+        if turn.touch > last and is_other and time[part][-1] - time[part][0] > 2.0 * turn.duration:
+            found.append((turn.touch, value, u))
+    return (found[0][0], *min(found, key=lambda one: one[2] / one[1])[1:]) if found else None
 
 
 def fitted(

@@ -99,7 +99,7 @@ def arc(
     half = float(np.max(np.abs(t), initial=0.0)) or 1.0
     units = np.array([1.0, 1.0 / half, 1.0 / half**2])
     design = np.stack([np.ones_like(t), t / half, -0.5 * (t / half) ** 2], axis=1)
-    right = height - height.mean()
+    right = height - (mean := float(np.sum(height)) / max(height.size, 1))  # an empty arc is singular below
     if gravity is not None:  # one more, very certain, reading
         value, u = np.array(gravity) * half**2
         design, right = np.vstack([design, [0.0, 0.0, sigma / u]]), np.append(right, value * sigma / u)
@@ -110,7 +110,7 @@ def arc(
     # Residuals beyond the noise mean another motion: the larger uncertainty is stated.
     scatter = max(sigma**2, float(np.sum(left**2) / max(len(design) - 3, 1)))
     covariance *= max(1.0, scatter * inverse[2, 2] / covariance[2, 2])
-    return found * units + [height.mean(), 0.0, 0.0], covariance * np.outer(units, units)
+    return found * units + [mean, 0.0, 0.0], covariance * np.outer(units, units)
 
 
 def curvature(time: Floats, height: Floats, sigma: float, colour: Colour = WHITE) -> tuple[float, float]:

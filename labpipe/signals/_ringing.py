@@ -108,6 +108,36 @@ def ringing(
     return Ringing(onset, blow, u_blow, *bounds, replace(fit, **widened), chi_square)
 
 
+def blows(
+    time: Floats, signal: Floats, frequency: float, damping_ratio: float, longest_impact: float, noise: float
+) -> tuple[Floats, Floats, float]:
+    """Find the blows by which an oscillator of one frequency and damping is struck: times, sizes, and their u.
+
+    The oscillation is fitted to one period before and one after a contact, wherever that may be; its change there, as
+    an amplitude, is the size, and a blow a maximum within half a period beyond noise. ``time``, ``signal`` (n,) [s, m]
+    are evenly spaced; frequency [Hz] and ``longest_impact`` [s] as in :func:`ringing`.
+    """
+    interval, omega = float(np.median(np.diff(time))), 2 * np.pi * frequency
+    size, gap = round(1.0 / frequency / interval), round(longest_impact / interval)
+    rate = omega * damping_ratio / np.sqrt(1.0 - damping_ratio**2)
+    u = noise * float(np.sqrt(4.0 / max(size, 1)))
+    if size < _ONSET_READINGS or signal.size <= 2 * size + gap:
+        return np.zeros(0), np.zeros(0), u
+    windows = np.lib.stride_tricks.sliding_window_view(signal, size)
+
+    def fitted(s: Floats) -> Floats:
+        wave = np.exp((1j * omega - rate) * s)
+        design = np.column_stack([wave.real, wave.imag, np.ones(s.size)])
+        return np.asarray(windows @ np.linalg.pinv(design)[:2].T)
+
+    after: Floats = np.asarray((np.arange(size) + 0.5 * gap) * interval, float)
+    begun, before = fitted(after)[size + gap :], fitted(np.negative(after[::-1]))[: -size - gap]
+    change: Floats = np.linalg.norm(np.subtract(begun, before), axis=1)
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(change, size // 2), size // 2 * 2 + 1).max(axis=1)
+    found = np.flatnonzero((change == near) & (change > 5.0 * u))
+    return time[found + size - 1 + gap // 2], change[found], u
+
+
 def _seed(t: Floats, y: Floats, onset: float, longest_impact: float, shortest_pause: float) -> tuple[int, int]:
     """Stretch that is certainly free: after the longest impact, before the shortest pause."""
     low, high = (int(place) for place in np.searchsorted(t, onset + np.array([longest_impact, shortest_pause])))

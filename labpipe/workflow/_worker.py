@@ -230,7 +230,11 @@ class Job:
         if isinstance(slot, str):
             return self.plan.session.files / slot
         value, result = self.plan.keys[slot].value, self.passed.get(slot)
-        if result is None and slot not in self.failures and value is not None:
+        if result is not None or value is None or slot in self.failures:
+            return result
+        # what rests on failures is not kept
+        is_kept = not any(name in self.failures for name in lineage(self.plan.tasks, slot))
+        if is_kept or self.store.record(value) is not None:
             result = self.store.read(value)
             if task.stage.output == "dataset" and not isinstance(result, str):
                 for attribute in _OURS:

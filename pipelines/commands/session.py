@@ -131,17 +131,16 @@ def plan(session: Path, **options: Any) -> None:
     left_out = excluded_in(made.session)
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
         steps = list(own)
-        states = [(row.state, row.reason) for row in steps]
-        if all(row.reason.startswith(_NEVER_RUN) for row in steps):
-            states = [("will run", _NEVER_RUN)]
+        is_new = all(row.reason.startswith(_NEVER_RUN) for row in steps)
+        states = [("will run", _NEVER_RUN) if is_new else (row.state, row.reason) for row in steps]
         names_of = [row.stage if row.recording is None else f"{row.stage} [{row.recording}]" for row in steps]
         if len(steps) > 1 and len(set(states)) == 1:  # one line for all
             states, names_of = states[:1], [f"all {len(steps)} steps"]
         table = [(state, name, reason) for (state, reason), name in zip(states, names_of, strict=True)]
-        caption = f"{experiment} ({made.session.experiments[experiment].kind})"
-        lines += ["", *text_table(caption, table, most=None).splitlines()]
+        about = made.session.experiments[experiment]
+        lines += ["", *text_table(f"{experiment} ({about.kind})", table, most=None).splitlines()]
         lines += [f"  excluded  {text}" for text in left_out.get(experiment, ())]
-        changes = made.session.experiments[experiment].overrides.items()
+        changes = about.overrides.items()
         lines += [f"  laboratory.toml has {name} = {old}, the session {new}" for name, (old, new) in changes]
     document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate, "excluded": left_out}
     emit(document | {"waiting": waiting, "exact": exact}, lines)

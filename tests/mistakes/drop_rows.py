@@ -77,6 +77,19 @@ def _mains(x: Floats) -> Floats:
     return np.sin(2 * np.pi * 50.0 * 50e-6 * np.arange(x.size))
 
 
+def _second_output(folder: Path) -> None:
+    """Put another head's output, constant but for noise, before that of the drop."""
+    lines = (folder / ALL[1]).read_text("utf-8").splitlines()
+    noise = np.random.default_rng(3).normal(0.5, 0.001, len(lines))
+    rows = [line.replace(",", f",{x:+08.4f},", 1) for line, x in zip(lines[HEAD:], noise, strict=False)]
+    head = [line.replace("Unit,mm", "Unit,mm,mm").replace("OUT1", "OUT1,OUT2") for line in lines[:HEAD]]
+    (folder / ALL[1]).write_text("\n".join([*head, *rows]) + "\n", "utf-8")
+
+
+def _bump(x: Floats) -> Floats:
+    return x + 0.01 * np.exp(-0.5 * ((np.arange(x.size) - 1150) / 20) ** 2)
+
+
 def _zero_tail(texts: list[str]) -> list[str]:
     return texts[:1400] + ["+00.0000"] * (len(texts) - 1400)
 
@@ -167,6 +180,7 @@ ROWS = (
     Mistake("last value held", cells(_held), "impossible", ("held",)),
     Mistake("clipped below", values(_clipped(0.03, None)), "impossible", _CLIPPED),
     Mistake("clipped above", values(_clipped(None, 0.9)), "impossible", _CLIPPED),
+    Mistake("drop in OUT2", _second_output, "impossible", ("out2 holds one from 1.47 mm",), ALL[1]),
     # where in time
     Mistake("pasted together", cells(lambda t: t + t), "impossible", ("120 ms",)),
     Mistake("cut, old count", cells(lambda t: t[:1300], FIRST, counted=False), "impossible", ("not copied whole",)),
@@ -177,6 +191,23 @@ ROWS = (
     Mistake("25 rows doubled", cells(lambda t: t[:1025] + t[1000:], FIRST), "impossible", ("twice",)),
     Mistake("60 rows doubled", cells(lambda t: t[:1060] + t[1000:]), "impossible", ("twice",)),
     Mistake("level jump", values(lambda x: x + 0.5 * (np.arange(x.size) > 1500)), "impossible", ("75", "jump")),
+    Mistake(
+        "zero jumps by 20 um",
+        values(lambda x: x + 0.02 * (np.arange(x.size) > 1800), LAST),
+        "doubtful",
+        ("step", "90"),
+        ALL[2],
+    ),
+    Mistake("hit in a flight", values(_bump), "doubtful", ("flight after impact 1", "touched"), ALL[0]),
+    Mistake(
+        "cycle 100 us from 60 ms on",
+        cells(lambda t: t[:1200] + t[1200::2]),
+        "impossible",
+        ("between the rows changes",),
+    ),
+    Mistake(
+        "thirty readings held", cells(lambda t: t[:1150] + 30 * t[1150:1151] + t[1180:]), "doubtful", ("57.5", "held")
+    ),
     Mistake("drift 1 mm", values(lambda x: x + np.linspace(0.0, 1.0, x.size)), "impossible", ("drift",)),
     Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),
     Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),

@@ -4,13 +4,16 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
+
 from labpipe import files
+from labpipe.arrays import Floats
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import sweeps
 from pipelines.rig.plate import PLATE_RIG
 from pipelines.rig.session_text import from_dma, plate_laser_record, session_head
 from tests.mistakes.drop_rows import Mistake
-from tests.mistakes.recordings import Edit, header, setting
+from tests.mistakes.recordings import Edit, header, setting, values
 from tests.pipelines.small import write_plate
 
 ACRYLIC, PTFE = "laser_plate/plate_acrylic_1p5mm_1.csv", "laser_plate/plate_ptfe_5mm_1.csv"
@@ -40,6 +43,14 @@ def _exchanged(one: int, other: int) -> Edit:
     return edit
 
 
+def _struck(x: Floats) -> Floats:
+    """Let the record begin again, stronger, before its end."""
+    late, x = int(0.85 * x.size), x - x[0]
+    first = int(np.argmax(np.abs(x) > 0.3 * np.abs(x).max()))
+    x[late:] += 1.5 * x[first - 20 : first - 20 + x.size - late]
+    return x
+
+
 def _height(material: str, old: str, new: str) -> Edit:
     named = f'material = "{material}"\n{from_dma(material)}height = '
     return setting(f'{named}"{old} ', f'{named}"{new} ')
@@ -58,6 +69,8 @@ ROWS = (
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", ALL), "doubtful", ("unit",), _TOML),
     # recordings
+    Mistake("head upside down", values(lambda x: 2 * x[0] - x, (ACRYLIC,), 5), "impossible", ("sign of",), ACRYLIC),
+    Mistake("table struck", values(_struck, (PTFE,), 5), "doubtful", ("something else struck",), PTFE),
     Mistake("two heights exchanged", _exchanged(0, 1), "impossible", ("recordings of acrylic, 1.5 mm", "exchanged")),
     Mistake("two materials exchanged", _exchanged(0, 2), "doubtful", ("ptfe, 1.5 mm", "exchanged")),
 )

@@ -1,6 +1,9 @@
 """Checks of a ball drop: free fall, stated height, order of bounces, contact, levels, repeats, and the record."""
 
+import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -9,14 +12,16 @@ from math import acos, cos, degrees, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.errors import LabpipeError
+from labpipe import signals
+from labpipe.errors import TWO_CLOCKS, LabpipeError
 from labpipe.judging import SLIPS, Cause, Check, explain, in_words, not_made, too_large, with_causes
 from labpipe.materials import load
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared import fall_checks, judgements, record_checks
+from pipelines.experiments.shared import fall_checks, flight_checks, judgements, record_checks
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G, Repeated
 from pipelines.experiments.shared.given import Given
@@ -38,6 +43,7 @@ _REPEATS = (
     Repeated("restitution", "first restitution", "1", of_two=0.05),
 )
 _FAILED = record_checks.CAUSES | {
+    TWO_CLOCKS: flight_checks.TWO,
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
     "bounces": "the recording holds no drop that is free: the wrong channel or file, a sensor that shakes, a body that "
     "was released before the trigger, or caught, a recording that ends too soon, or an average or filter of the "
@@ -64,6 +70,12 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     )
     of_traces, checks = record_checks.of_recordings(read, moved, bounced, settings, context, _FAILED)
     checks += [*of_traces, fall_checks.body_stated(sphere.radius.value, sphere.mass.value)]
+    checks += [
+        c
+        for name, one in read.items()
+        if one is not None and bounced[name] is None
+        for c in _other(name, one, settings)
+    ]
     records = [
         (Fall(name, found, float(one.attrs["u_systematic_relative"])), one)
         for name, one in moved.items()
@@ -74,7 +86,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     causes = [] if is_damaged else list(_causes(settings, read, records))
     first_contact, u_modulus = _first_contact(settings, model), judgements.u_modulus(sphere)
     gravity, of_falls = settings.model.gravity, list[list[Check]]()
-    for fall, _ in records:
+    for fall, one in records:
         found = [
             fall_checks.acceleration(fall, gravity),
             fall_checks.height(fall, settings.height),
@@ -82,6 +94,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
             fall_checks.contact_duration(fall, first_contact, gravity, u_modulus),
             fall_checks.rest_level(fall),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
+            *(course := flight_checks.of_flights(fall, one)),
         ]
         lost = [c for c in of_traces if c.level and c.file == fall.name and c.name == record_checks.SINGLE_ROWS]
         wrong = {c.name for c in [*found, *lost] if c.level}
@@ -89,10 +102,13 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         is_long &= not is_damaged
         # lost rows explain their effects, but no contact that lasts longer; nor does g agree on another clock
         cause = _SMEARED if is_long and G not in wrong and len(wrong) > 1 else lost[0].cause if lost else ""
+        if course[0].cause.startswith(flight_checks.VIBRATES):  # which looks like a drift before the release
+            cause, drift = course[0].cause, record_checks.BEGINNING
+            checks = [replace(c, level=None) if (c.name, c.file) == (drift, fall.name) else c for c in checks]
         found = judgements.because(found, cause, *wrong, file=fall.name)
         of_falls.append(found)
     checks += _of_their_files(of_falls, records, read, settings)
-    checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
+    checks += _repeats([fall for fall, _ in records])
     if any(c.name == HEIGHT and c.is_made and not c.level for c in checks):  # the other repeats fall as far as stated
         checks = [
             replace(c, otherwise=_OF_ANOTHER, file=c.recording, setting="") if c.name == HEIGHT and c.level else c
@@ -112,6 +128,52 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         measured_by=judgements.measured_by(sphere),
         alternatives=partial(of_drop, given=given, settings=settings),
     )
+
+
+def _other(file: str, readings: xr.Dataset, settings: BallDrop) -> Iterator[Check]:
+    """Look for the drop that a recording does not hold among the other outputs of its file."""
+    own = settings.sensor.output
+    for output in (str(name) for name in readings if re.fullmatch(r"out\d+", str(name)) and name != own):
+        if (trace := record_checks.Trace.of(file, readings, output)) is None:
+            continue
+        series = xr.DataArray(trace.reading, {"time": trace.time}, ("time",))
+        with suppress(LabpipeError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            fall = Fall(file, signals.bounces(series), 1.0 - _LEAST_COSINE)  # along any line of sight
+            if fall_checks.acceleration(fall, settings.model.gravity).level is None:
+                height, g = fall.value("drop_height")[0], fall.value("fall_acceleration")[0]
+                text = f"{file}: no drop in {own}, but {output} holds one from {quantity(height, 'm')} with "
+                text += f"{quantity(g, 'm/s2')} along the line of sight"
+                cause = (
+                    f"{own} of this file is another signal: the drop is in {output}; export that output alone, or give "
+                )
+                cause += f'sensor.output = "{output}" where all recordings have it'
+                yield Check("readings", text, "impossible", cause=cause, file=file, recording=file)
+
+
+def _repeats(falls: Sequence[Fall]) -> list[Check]:
+    """Compare the repeats; where they fall alike and bounce differently, no height is wrong."""
+    of_height, of_bounce = fall_checks.repeats_agree(falls, _REPEATS, _OF_ANOTHER)
+    if of_height.level or not of_bounce.level:
+        return [of_height, of_bounce]
+    speeds = {fall.name: fall.values("incoming_speed") for fall in falls}
+    for file, own in speeds.items():
+        for other, whole in speeds.items():
+            count = min(own.size, whole.size - 1)
+            apart = [float(np.abs(whole[k : k + count - 1] - own[1:count]).sum()) for k in (1, 2)] if count > 2 else []
+            if file != other and apart and 4 * apart[1] < apart[0]:
+                cause = (
+                    f"a flight is missing in {file}: its speeds from impact 2 on are those of {other} from impact 3 "
+                )
+                return [of_height, replace(of_bounce, file=file, cause=f"{cause}on; rows were lost after impact 1")]
+    later = [float(fall.values("restitution")[1]) for fall in falls if fall.values("restitution").size > 1]
+    first = np.ptp([fall.value("restitution")[0] for fall in falls])
+    cause = "it falls as far as the others, but is another body, or at another temperature: the file is of another drop"
+    if later and np.ptp(later) < 0.5 * first:
+        cause = "impact 1 alone, since the bodies fall alike and bounce alike at impact 2: the body was touched or hit "
+        cause += "something at its side, or rows were lost there"
+    either = "either of the two files may be the one: " * (len(falls) == 2)
+    return [of_height, replace(of_bounce, cause=either + cause)]
 
 
 def _of_their_files(

@@ -69,11 +69,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks += _of_frames(radius, impacts, settings)
         checks += _of_contacts(radius, settings)
     checks += given.each([_of_impacts])
+    causes = given.each([_causes])
+    if any(check.name == RADIUS and check.level for check in checks):  # which no clock changes
+        causes = [cause for cause in causes if set(cause.effects) != {FLIGHT}]
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     return Scene(
         checks,
-        given.each([_causes]),
+        causes,
         given.each([rows]),
         inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
@@ -167,24 +170,30 @@ def _of_impacts(
     (a, u), film, cause = largest_radii(impacts, comparison), settings.film, ""
     if not a.size:
         return
+    of_radius = list[Check]()
     if model is None or not model.sizes["impact"]:
-        yield not_made(RADIUS, "a model of the drop")
+        of_radius.append(not_made(RADIUS, "a model of the drop"))
     else:
         seen, expected = float(a[0]), float(model["peak_contact_radius"][0])
         text = f"{film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
         u_expected = 0.2 * judgements.u_modulus(settings.sphere) * expected
-        yield compared(RADIUS, text, seen, 0.0, expected, u_expected, file=film)
+        of_radius.append(compared(RADIUS, text, seen, 0.0, expected, u_expected, file=film))
     if a.size > 1:
         rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
         at = int(np.argmax(rise / own))
         ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
         text = f"{film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
         cause = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
-        if np.all(rise > DOUBTFUL * own):
+        touches = radius["in_contact"].values.astype(bool)
+        if touches[0] and not touches[-1]:
+            cause = "the frames are in reverse order: contact from the first frame on, a free sphere at the end"
+        elif np.all(rise > DOUBTFUL * own):
             cause = "the frames are in reverse order" + f", or {cause}" * (a.size == 2)
         order = bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=film, cause=cause)
         cause = order.cause
         yield order
+    # where impacts do not follow each other another one is compared with the first
+    yield from judgements.because(of_radius, cause, RADIUS, file=film, log_ratio=nan)
 
     peak = impacts["peak_time"].values[:3]
     # a contact lasts from within the interval before its first frame to within that after its last one

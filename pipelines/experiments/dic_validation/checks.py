@@ -1,5 +1,6 @@
 """Checks of a film of a falling holder: its frames and light, view, free fall, bounces, and the laser."""
 
+import json
 from collections.abc import Iterator
 from math import hypot
 
@@ -14,6 +15,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation.comparison import rows
+from pipelines.experiments.dic_validation.measured import SOLVED, TURNED, repeated
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
@@ -26,9 +28,6 @@ _GRAVITY = Quantity(9.81, 0.0, "m/s2")
 _BETWEEN_DAYS = 0.01
 """Relative difference of two drops from one height, set anew on another day."""
 _FOUND = 0.9  # of the frames in which the holder should be found
-_SOLVED, _ALIKE = 1e-4, 1e-6
-"""By which places [px] and correlations of one image differ that is solved for from other
-beginnings; noise changes them by more."""
 _STAYS = 5  # frames for which a size that has changed remains
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
@@ -97,20 +96,27 @@ def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValid
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     cause = "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not "
+    cause, place = f"{cause}on the holder", {"setting": "tracking.body"}
     message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
-    yield Check(FOUND, message, level, cause=f"{cause}on the holder", setting="tracking.body")
+    way, of_way = max(json.loads(track.attrs.get(TURNED, '{"": 0}')).items(), key=lambda one: one[1])
+    if of_way > _FOUND:
+        message += f", in {100 * of_way:.0f} % of them where the film is {way}"
+        cause, place = f"the film is {way}: the camera was, or it was turned or mirrored by the export", {"file": film}
+    yield Check(FOUND, message, level, cause=cause, **place)
+    copies = repeated(track)
     count, first = longest_run(np.diff(track["frame"].values) == 1)
     steady = track.isel(point=0, frame=slice(first, first + count + 1))
-    size, place = 0.5 * (steady["stretch_x"].values + steady["stretch_y"].values), steady["dy"].values
+    size, place_of = 0.5 * (steady["stretch_x"].values + steady["stretch_y"].values), steady["dy"].values
+    place_of = np.where(copies[first : first + count + 1], np.nan, place_of)  # those are reported as such
     zoomed = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
     zoomed += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     knocked = "frames were lost there and the others stamped anew, or the camera or its tripod was knocked"
-    for name, values, cause in ((SIZE, size, zoomed), (PLACE, place, knocked)):
+    for name, values, cause in ((SIZE, size, zoomed), (PLACE, place_of, knocked)):
         known = np.isfinite(values)
         if known.sum() < _STAYS:
             yield not_made(name, "a holder in five frames in a row")
             continue
-        noise = max(estimate_noise(values[known]).sigma, _SOLVED)
+        noise = max(estimate_noise(values[known]).sigma, SOLVED)
         if name == SIZE:  # a view that has changed stays so, a frame that is blurred does not
             values[known] = median_filter(values[known], _STAYS)
         broken = break_in(values, noise)
@@ -120,17 +126,13 @@ def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValid
             how = f"{by:+.2g} px" if name == PLACE else f"{100 * by:+.2f} %"
             text = f"the {name} jumps by {how} at {when}"
         yield Check(name, f"{film}: {text}", "doubtful" if broken else None, cause=cause, file=film)
-    # a frame that shows the holder exactly as the one before, within the tolerance of the solver
-    limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
-    same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
     begin, end = track["time"].values[:-1], track["time"].values[1:]
     if bounces is None:  # after rest only every eighth frame is read
         is_even = end - begin < LONGER * np.median(end - begin)
         moves = np.arange(begin.size) < np.flatnonzero(is_even).max(initial=0)
     else:
         moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
-    is_copy = same & (np.diff(frame) == 1)
-    yield from of_frames(film, frame, track["time"].values, moves, is_copy, of_body["dy"].values)
+    yield from of_frames(film, frame, track["time"].values, moves, copies[1:], of_body["dy"].values)
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:

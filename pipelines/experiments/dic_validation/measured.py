@@ -27,6 +27,11 @@ from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 
+SOLVED, _ALIKE = 1e-4, 1e-6
+"""By which places [px] and correlations of one image differ that is solved for from other
+beginnings; noise changes them by more."""
+_MOST_COPIES = 0.1  # of the frames, that are left out
+TURNED = "found_turned"
 _ACROSS = ("displacement_x", "displacement_y", "u_displacement_x", "u_displacement_y")
 
 
@@ -64,7 +69,17 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["pixels_read"] = min(work["pixels_read"], work["pixels_total"])  # still frames are read twice
     kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
+    if float(found["valid"].isel(point=0).mean()) < _READING.least:
+        kept[TURNED] = json.dumps(_found_turned(source, points[:1], subsets[:1]))
     return found.assign_attrs(kept, work=json.dumps(work))
+
+
+def _found_turned(source: FrameSource, body: list[tuple[float, float]], subset: list[int]) -> dict[str, float]:
+    """Return the share of frames, one of eight, in which the holder is found where they are turned or mirrored."""
+    frames = np.stack([np.asarray(source[int(i)]) for i in np.flatnonzero(source.valid)[:: _READING.every]])
+    turns = {"upside down": np.s_[:, ::-1], "mirrored": np.s_[:, :, ::-1], "turned by 180°": np.s_[:, ::-1, ::-1]}
+    found = {name: imaging.track(frames[turn].copy(), body, subset=subset) for name, turn in turns.items()}
+    return {name: float(one["valid"].mean()) for name, one in found.items()}
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -131,6 +146,13 @@ def statuses(track: xr.Dataset) -> NDArray[np.str_]:
     return np.array([names[int(code)] for code in status.values])
 
 
+def repeated(track: xr.Dataset) -> NDArray[np.bool_]:
+    """Find frames (frame,) that show the holder exactly as the one before, within the tolerance of the solver."""
+    body, limits = track.isel(point=0), (("dx", SOLVED), ("dy", SOLVED), ("zncc", _ALIKE))
+    same = np.all([np.abs(np.diff(body[of].values)) <= limit for of, limit in limits], axis=0)
+    return np.append(False, same & (np.diff(track["frame"].values) == 1))
+
+
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:
     """Turn the tracks into metres with the view's calibration: the holder's height over time."""
     known = calibration.load_record(record)
@@ -149,6 +171,9 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
     x, y, u_x, u_y = (body[name].values for name in _ACROSS)
     along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
+    copies = repeated(track)
+    if copies.mean() < _MOST_COPIES:  # a film without noise repeats itself at rest
+        along[copies] = np.nan
     text = "displacement of the holder along its motion, upwards"
     table = with_u("displacement", "time", along, noise, "m", text, "(random)")
     turned, u_turned = (body[name].values for name in ("rotation", "u_rotation"))

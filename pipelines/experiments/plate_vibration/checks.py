@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe import signals
 from labpipe.judging import SLIPS, Cause, Check, bounded, compared, not_made
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.comparison import HEIGHT, SERIES, amplitudes, from_others, rows
-from pipelines.experiments.plate_vibration.measured import drops_label
+from pipelines.experiments.plate_vibration.measured import LONGEST_IMPACT, drops_label
 from pipelines.experiments.plate_vibration.model import relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
@@ -30,7 +31,8 @@ _MOMENTUM = 0.03
 its DMA."""
 _INTERVAL = 0.05  # relative, within which frequencies differ by a factor of sampling intervals
 _PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
-_MOMENTUM_OF = "momentum of the blow"
+_MOMENTUM_OF, _WAY, _BLOWS = "momentum of the blow", "direction of the first motion", "later blows"
+_COUNTED = 0.3  # of the largest blow; of smaller ones several fall into one period
 _STATED = (
     "what falls is stated wrongly: sphere.mass, or a height, or the material of one of the drops; or a file is of "
     "another drop"
@@ -53,8 +55,8 @@ _FAILED = record_checks.CAUSES | {
 _STEPS = ("readings", "displacement", "ringing", "table", "plate", "comparison")
 TITLES = {
     "one plate": Title(
-        "All recordings show the free ringing of one plate: one frequency and one damping.",
-        ("repeats: frequency of the plate", "repeats: damping of the plate", "modal mass of the plate"),
+        "All recordings show one plate, of one frequency and damping, that a bouncing body strikes from above.",
+        ("repeats: frequency of the plate", "repeats: damping of the plate", "modal mass of the plate", _WAY, _BLOWS),
     ),
     "momentum of the blow": Title(
         "Momentum over amplitude and frequency gives one modal mass for all drops.", (_MOMENTUM_OF,)
@@ -81,6 +83,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     checks.append(of_body)
     # what repeats share is taken out: their scatter alone is asked
     rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
+    for name, ring in found.items():
+        checks += _course(name, moved[name], ring)
     of_one = fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE)
     checks += [_of_interval(rings, check) for check in of_one]
     for drops in settings.drops:
@@ -95,6 +99,32 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     # of a body that cannot be, no blow tells which height is wrong
     causes = [] if of_body.level else list(_causes(table, plate, settings))
     return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
+
+
+def _course(file: str, moved: xr.Dataset, ring: xr.Dataset) -> tuple[Check, Check]:
+    """Compare the plate's first motion with the direction of a blow, and each blow of the body with the one before."""
+    read = np.isfinite(moved["displacement"].values)
+    time, y = moved["time"].values[read], moved["displacement"].values[read]
+    period, noise = 1.0 / float(ring["natural_frequency"]), float(moved.attrs["noise"])
+    onset = float(ring["onset_time"])
+    rest, begun = y[time < onset - period / 4], y[(time >= onset) & (time < onset + period / 2)]
+    way, u = float(begun.mean() - np.mean(rest)), noise * float(np.sqrt(1 / begun.size + 1 / rest.size))
+    text = f"{file}: from {quantity(onset, 's')} on the plate moves {'down' if way < 0.0 else 'up'} first, by "
+    cause = (
+        f"the sign of {file} is reversed: the plate moves away from the blow (sensor.direction, or head upside down)"
+    )
+    first = bounded(_WAY, f"{text}{quantity(abs(way), 'm')}", way, u, at_most=0.0, file=file, cause=cause)
+    when, size, u = signals.blows(time, y, 1.0 / period, float(ring["damping_ratio"]), LONGEST_IMPACT, noise)
+    counted = np.flatnonzero((when > onset - period) & (size > _COUNTED * size.max(initial=0.0)))
+    when, size = when[counted], size[counted]
+    if when.size < 2:
+        return first, not_made(_BLOWS, "two blows")
+    k = int(np.argmax(more := np.diff(size)))
+    later, before = ((quantity(float(size[i]), "m"), quantity(float(when[i]), "s")) for i in (k + 1, k))
+    text = f"{file}: a blow of {later[0]} at {later[1]} follows one of {before[0]} at {before[1]}"
+    cause = f"something else struck plate or table at {later[1]}: a body that bounces strikes less hard each time"
+    place: dict[str, Any] = {"file": file, "cause": cause, "at_most": fall_checks.SWING * float(size[0])}
+    return first, bounded(_BLOWS, text, float(more[k]), u, is_law=False, **place)
 
 
 def _of_interval(rings: Mapping[str, Fall], check: Check) -> Check:

@@ -38,6 +38,7 @@ def ringing(
     for (name, (units, text)), u in zip(_OF_DROP.items(), us, strict=True):
         made |= with_u(name, (), getattr(found.fit, name), u, units, text, "(random)")
     for name, units, text in (
+        ("onset_time", "s", "first motion"),
         ("free_from", "s", "start of the free vibration"),
         ("free_to", "s", "end of the free vibration"),
         ("chi_square", "1", "scatter about the fit over the noise, squared"),

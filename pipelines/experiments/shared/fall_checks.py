@@ -22,7 +22,10 @@ from pipelines.experiments.shared.judgements import Title, Titles
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
 _DIRECTION, _RESTITUTION = "direction of the fall", "coefficients of restitution"
 OF_FALL: Titles = {
-    "free fall": Title("Every flight is a parabola with the acceleration of gravity.", (G, _DIRECTION)),
+    "free fall": Title(
+        "Every flight is a parabola with the acceleration of gravity, and a body at rest does not move.",
+        (G, _DIRECTION, "course"),
+    ),
     "order of the bounces": Title(
         "0 < e < 1: every rebound is lower than the one before, unless the plate vibrates.", (_RESTITUTION,)
     ),
@@ -34,7 +37,7 @@ _MOVED = "the body was touched or lifted, or another drop follows in the record"
 _GUIDE = 5e-3  # largest share of g that the friction of a guide or the drag of the air takes from a fall
 CLOCK = 1e-4
 """Relative uncertainty of a sampling interval or frame rate as manufacturers state it."""
-_SWING = 0.07
+SWING = 0.07
 """Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
 of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
 _LIGHTEST = 800.0  # kg/m³ of the lightest solid polymer
@@ -98,7 +101,7 @@ def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> C
 def restitution(fall: Fall) -> Check:
     """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
     values, u, into = (fall.values(name) for name in ("restitution", "u_restitution", "incoming_speed"))
-    returned = np.nan_to_num(_SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
+    returned = np.nan_to_num(SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
     held = np.where(values > 1.0, np.maximum(values - returned, 1.0), values)
     known = np.isfinite(values) & np.isfinite(u) & (u > 0)
     if not known.any():
@@ -160,7 +163,8 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
         seen, own, file = float(values[worst]), float(u[worst]), falls[worst].name
         size = float(np.abs(values).min()) if is_pair else abs(centre)
         others = shown(float(np.median(np.delete(values, worst))), own, unit)
-        text = f"{file}: {shown(seen, own, unit)}, the other repeats {others}; allowed scatter {100 * ordinary:g} %"
+        text = f"{file}: {title} {shown(seen, own, unit)}, the other repeats {others}"
+        text += f"; allowed scatter {100 * ordinary:g} %"
         # of two nobody knows which is right, nor how much a body scatters
         said = f"either of the two files may be the one: {cause}" if is_pair else cause
         place: dict[str, Any] = {"allowance": ordinary * size, "factor": False, "file": file, "cause": said}

@@ -11,6 +11,7 @@ import instruments
 from calibration import laser
 from labpipe.errors import UNSAID, SourceError
 from pipelines.experiments.shared.exclusions import left_out, without_readings
+from pipelines.experiments.shared.record_checks import without_held
 from pipelines.experiments.shared.settings import Keyence, named_columns
 
 OUTLIER = 7
@@ -72,5 +73,6 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: Any, **options
     sensor = settings.sensor
     if sensor.serial is not None:
         readings = readings.assign_attrs(serial=sensor.serial)
+    readings = without_held(readings, sensor.output)
     chosen = {"output": sensor.output, "direction": sensor.direction, "measured": settings.measured_on} | options
     return laser.displacement(readings, calibration.load_record(record), **chosen)

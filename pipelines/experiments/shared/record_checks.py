@@ -36,7 +36,7 @@ _QUIET = 200  # readings at the beginning that should be at rest
 _DRIFT = (0.02, 0.2)  # of the travel: drift over the record that is doubtful, impossible
 _WINDOW = 24  # readings that do not repeat by chance, and in which a lost or doubled one is looked for
 
-SINGLE_ROWS = "lost or doubled rows"
+SINGLE_ROWS, BEGINNING = "lost or doubled rows", "beginning of the record"
 _WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 _HELD = (
     "the sensor was out of its range (clipped) or held its last value: the impact is not measured there; "
@@ -58,7 +58,7 @@ OF_LASER: Titles = {
         "A recording holds every reading once, in order and within the range of the sensor.",
         (
             "readings out of range", "clipped or held readings", "jumps and spikes", "rows that come twice",
-            "beginning of the record", "end of the record", "readings", SINGLE_ROWS,
+            BEGINNING, "end of the record", "readings", SINGLE_ROWS,
         ),
     ),
     "noise": Title(
@@ -191,22 +191,50 @@ def unread(trace: Trace) -> Check:
 
 def held_readings(trace: Trace) -> Check:
     """Look for a body that stays on one reading while it should move."""
-    name, x, step = "clipped or held readings", trace.reading, trace.resolution
+    name, x, (longest, start) = "clipped or held readings", trace.reading, _held(trace)
+    if not longest:
+        return trace.seen(name, "no clipped or held readings")
+    is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
+    until = "until the end" if is_tail else "in the middle of motion"
+    text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
+    if not is_tail and _is_inside(trace, start):
+        cause = "the sensor, its cable or the controller held its last value there; what passed meanwhile is not known"
+        return trace.seen(name, f"{text}; left out", "doubtful", cause)
+    cause = _WRONG_CHANNEL if is_constant else _HELD
+    if is_tail and not is_constant and x[start] == 0.0:
+        cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
+    return trace.seen(name, text, "impossible", cause)
+
+
+def _held(trace: Trace) -> tuple[int, int]:
+    """Return length less one and start of the longest run of equal readings within a motion; (0, 0) for none."""
+    x, step = trace.reading, trace.resolution
     moves = np.abs(np.diff(x))
     usual = float(np.nanquantile(moves, 0.98))
     longest, start = longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
     around = np.abs(x[max(start - 4, 0) : start + longest + 5] - x[start])
     away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
     is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + trace.limit)
-    is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
-    if longest < FLAT or not (is_moving or is_constant):
-        return trace.seen(name, "no clipped or held readings")
-    cause = _WRONG_CHANNEL if is_constant else _HELD
-    if is_tail and not is_constant and x[start] == 0.0:
-        cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
-    until = "until the end" if is_tail else "in the middle of motion"
-    text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
-    return trace.seen(name, text, "impossible", cause)
+    return (longest, start) if longest >= FLAT and (is_moving or longest >= x.size - 2) else (0, 0)
+
+
+def _is_inside(trace: Trace, start: int) -> bool:
+    """Whether a held reading is far from both ends of the range, where a sensor clips or an impact turns the body."""
+    low, high = np.nanmin(trace.reading), np.nanmax(trace.reading)
+    return bool(low + 0.1 * (high - low) < trace.reading[start] < high - 0.1 * (high - low))
+
+
+def without_held(readings: xr.Dataset, output: str) -> xr.Dataset:
+    """Leave out readings that were held in mid-motion, where the rest of a record can be evaluated without them."""
+    trace = Trace.of("", readings, output)
+    if trace is None or np.isfinite(trace.reading).sum() < 10 * FLAT:
+        return readings
+    longest, start = _held(trace)
+    if not longest or start + longest >= trace.reading.size - 2 or not _is_inside(trace, start):
+        return readings
+    is_held = np.zeros(trace.reading.size, bool)
+    is_held[start + 1 : start + longest + 1] = True  # the first was read
+    return readings.assign({output: readings[output].where(~is_held)})
 
 
 def longest_run(flags: np.ndarray) -> tuple[int, int]:
@@ -372,7 +400,7 @@ def _steady_noise(trace: Trace) -> Check:
 
 def _beginning(trace: Trace, gravity: float) -> Check:
     """Compare the first readings with a body at rest: neither in free fall nor drifting."""
-    name, known = "beginning of the record", np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
+    name, known = BEGINNING, np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
     t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     keep = np.abs(x - np.median(x)) <= max(0.25 * trace.travel, 20 * trace.noise)
     if keep.sum() < _QUIET // 2:
