@@ -16,12 +16,7 @@ if TYPE_CHECKING:
         active_window as active_window,
         hysteresis_loops as hysteresis_loops,
     )
-    from labpipe.signals._metrics import (
-        Agreement as Agreement,
-        agreement as agreement,
-        independent_count as independent_count,
-        nrmse as nrmse,
-    )
+    from labpipe.signals._metrics import independent_count as independent_count, nrmse as nrmse
     from labpipe.signals._noise import estimate_noise as estimate_noise, quantisation_step as quantisation_step
     from labpipe.signals._oscillation import (
         CommonFit as CommonFit,

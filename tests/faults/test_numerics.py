@@ -68,7 +68,6 @@ def record(time: Array, values: Array) -> xr.DataArray:
 STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "velocity": (fall, lambda t, y: signals.velocity(record(t, y))),
     "bounces": (drop, lambda t, y: signals.bounces(record(t, y))),
-    "agreement": (wave, signals.agreement),
     "sinusoid": (wave, signals.fit_sinusoid),
     "common fit": (indented, signals.common_fit),
     "first touch": (approach, first_touch),

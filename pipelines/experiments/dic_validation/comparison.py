@@ -1,6 +1,7 @@
 """Comparison of a film of the holder with the laser."""
 
 from collections.abc import Iterator
+from math import sqrt
 
 import numpy as np
 import xarray as xr
@@ -39,14 +40,15 @@ def comparison(
     seen = film.copy(data=np.interp(film["time"], reference["time"], reference, left=np.nan, right=np.nan))
     both = np.isfinite(film.values) & np.isfinite(seen.values)
     film, seen = film[both], seen[both]
-    agreed = signals.agreement(film.values, seen.values)
+    apart = film.values - seen.values
+    bias, u_noise = float(apart.mean()), float(apart.std(ddof=1)) / sqrt(signals.independent_count(apart))
     scales = [one.attrs.get("u_systematic_relative", 0.0) for one in (motion, laser)]
     expected, scaled = float(np.hypot(*scales)), scales * np.array([film.values.mean(), seen.values.mean()])
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
     level = "over the height of first contact"
     made = xr.Dataset(
         {
-            "residual": variable("time", film.values - seen.values, "m", "film minus laser"),
+            "residual": variable("time", apart, "m", "film minus laser"),
             "scale_uncertainty": variable((), expected, "1", text),
             "film": variable("time", film.values, "m", f"film, {level}"),
             "laser": variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
@@ -54,9 +56,9 @@ def comparison(
         coords={"time": film["time"]},
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
-    made = made.assign(curve_table((), [(agreement, signals.nrmse(film, seen), agreed.bias)], "m"))
-    u_bias = float(np.linalg.norm([agreed.u_bias, *scaled]))
-    made = made.assign(with_u("bias", (), agreed.bias, u_bias, "m", "mean of film minus laser"))
+    made = made.assign(curve_table((), [(agreement, signals.nrmse(film, seen), bias)], "m"))
+    u_bias = float(np.linalg.norm([u_noise, *scaled]))
+    made = made.assign(with_u("bias", (), bias, u_bias, "m", "mean of film minus laser"))
     text = "displacement, film over laser; u without that of the scales"
     made = made.assign(with_u(RATIO, (), ratio, u_ratio, "1", text))
     count = min(bounces.sizes["impact"], laser.sizes["impact"])
