@@ -51,9 +51,7 @@ def _lacking(mistake: Mistake, folder: Path, found: Verdict) -> list[str]:
     said = " ".join(f"{f.message} {f.cause}" for f in found.findings).lower()
     lacking = [f"not said: {word}" for word in mistake.words if word.lower() not in said]
     lacking += misspelt(said)
-    lacking += [
-        f"no text of {f.file}:{f.line}" for f in found.findings if f.line and (not f.value or "\\u0000" in f.value)
-    ]
+    lacking += [f"no text of {f.file}:{f.line}" for f in found.findings if f.line and (not f.value or "\0" in f.value)]
     if found.believable != ("yes" if mistake.level == "note" else mistake.level):
         lacking.append(f"the verdict is {found.believable}")
     if not any(f.level == mistake.level for f in found.findings):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.experiments.shared.record_checks import Trace, held_readings
+from pipelines.experiments.shared.record_checks import Trace, break_in, held_readings
 
 
 def _record(noise: float, step: float, seed: int) -> Trace:
@@ -26,3 +26,11 @@ def test_equal_readings_of_a_body_at_rest_are_not_held_ones(noise: float) -> Non
     trace = _record(0.8e-6, 1e-6, 1)
     trace.reading[6000:6030] = trace.reading[6000]
     assert held_readings(trace).level == "impossible"
+
+
+def test_an_impact_is_no_break_in_a_motion_and_a_step_is() -> None:
+    found = [break_in(trace.reading, trace.noise) for trace in (_record(1e-6, 1e-7, seed) for seed in range(50))]
+    assert found == [None] * 50
+    trace = _record(1e-6, 1e-7, 1)
+    trace.reading[7000:] += 50e-6
+    assert break_in(trace.reading, trace.noise) == (7000, pytest.approx(50e-6, abs=6e-6))
