@@ -1,6 +1,6 @@
 """The scene of an experiment: its checks, causes and comparison, and the verdicts on those that it rests on."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from labpipe.judging import Cause, Check
@@ -28,15 +28,11 @@ class Basis(NamedTuple):
         return "; ".join(check.message for check in self.checks if check.level)
 
     @classmethod
-    def of(cls, results: Sequence[Any], named: Sequence[str] = ()) -> "Basis":
-        """Take the judgements of the experiments, or lists of them; those that are ``named`` should have one."""
+    def of(cls, results: Iterable[Any]) -> "Basis":
+        """Take the judgements of the experiments, or lists of them, where they are."""
         every = (one for found in results for one in (found if isinstance(found, list) else [found]))
         words = {str(one.attrs["experiment"]): believed(one).believable for one in every if one is not None}
-        checks = [
-            Check(f"input from {name}", f"{name} gave no result", "note", cause=f"see {name} first")
-            for name, found in zip(named, results, strict=False)
-            if name and found is None
-        ]
+        checks = []
         for name, word in words.items():
             is_bad = word in ("doubtful", "impossible")
             text = f"it rests on {name}, which is {word}" if is_bad else f"{name} is believable"

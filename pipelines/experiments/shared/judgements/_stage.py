@@ -13,7 +13,7 @@ from labpipe.judging import Agreement, Check, Judgement, agreement, detectable, 
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
-from labpipe.workflow.fields import REFERENCE, every_setting
+from labpipe.workflow.fields import every_setting
 from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS
@@ -162,13 +162,6 @@ def _doubted(judged: Judgement, inputs: Set[str]) -> str:
     return ""
 
 
-def _named(settings: Any, field: str) -> str:
-    """Return the one experiment that a dotted field names; empty where there is none."""
-    for name in field.split("."):
-        settings = getattr(settings, name, None)
-    return settings.removeprefix(REFERENCE) if isinstance(settings, str) else ""
-
-
 def judging(
     *names: str,
     rests_on: tuple[str, ...] = (),
@@ -189,8 +182,7 @@ def judging(
             *results: Any, settings: Any, context: Context, others: Mapping[str, xr.Dataset] | None = None
         ) -> xr.Dataset:
             known = dict(zip((*names, *rests_on), results, strict=False)) | {"others": others}
-            named = [_named(settings, field) for field in rests_on]
-            basis = Basis.of([known.pop(field, None) for field in rests_on], named)
+            basis = Basis.of([known.pop(field, None) for field in rests_on])
             known |= {} if basis.is_sound else dict.fromkeys(expected)
             found: Scene = Given(**known, settings=settings, context=context, basis=basis).ask(scene)
             given = [(place, value) for place, value, _ in every_setting(settings)]

@@ -100,6 +100,10 @@ def failed_steps(
     for failure in context.failures:
         if failure.is_consequence or failure.stage in found:
             continue
+        if experiment := failure.stage.rpartition("/")[0]:
+            text, cause = f"{experiment} gave no result", f"see {experiment} first"
+            found[failure.stage] = Check(f"input from {experiment}", text, "note", cause=cause, is_generic=True)
+            continue
         names_it = not failure.recording or failure.text.startswith(failure.recording)
         where = "" if names_it else f"{failure.recording}: "
         name, text = f"step {failure.stage}", f"{where}{failure.text}"
