@@ -8,7 +8,6 @@ units of their stated standard uncertainties.
 """
 
 import argparse
-import json
 import re
 import sys
 import tempfile
@@ -22,7 +21,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from labpipe import files, materials
+from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop import measured as ball_drop
@@ -61,12 +60,11 @@ from pipelines.rig.session_text import (
     front_record,
     laser_record,
     plate_laser_record,
-    session_head,
     under_record,
 )
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
-from pipelines.session import open_session
+from tests.pipelines.sessions import begun, settings_of, truth
 from tests.pipelines.small import START
 
 Scores = dict[str, list[float]]
@@ -93,22 +91,6 @@ def noted(
     for name in names:
         error = np.atleast_1d(found[name].values)[at] - known[name]
         note(scores, name.replace("_", " ") + suffix, error, np.atleast_1d(found[f"u_{name}"].values)[at])
-
-
-def truth(folder: Path, name: str) -> dict[str, Any]:
-    known: dict[str, Any] = json.loads((folder / f"truth/{name}.json").read_text("utf-8"))
-    return known
-
-
-def begun(folder: Path, sections: str, **records: str) -> None:
-    """Write the records and session.toml."""
-    for name, text in records.items():
-        files.write_text(folder / f"calibration/{name}.toml", text)
-    files.write_text(folder / "session.toml", session_head("Coverage (synthetic)") + sections)
-
-
-def settings_of(folder: Path, name: str) -> Any:
-    return open_session(folder).experiments[name].settings
 
 
 def ball_drops(folder: Path, seed: int, scores: Scores) -> None:

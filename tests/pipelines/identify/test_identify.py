@@ -23,8 +23,9 @@ from pipelines.experiments.shared.settings import Plate
 from pipelines.identify import identify_materials, material_name
 from pipelines.identify._page import SHAPE
 from pipelines.rig.indentations import TESTER, Relaxation, Specimen, relaxation_section, write_relaxation
-from pipelines.rig.session_text import cell_record, session_head
+from pipelines.rig.session_text import cell_record
 from pipelines.session import derive, opened, plan
+from tests.pipelines.sessions import begun
 
 DROP = KINDS["ball_drop"].evidence
 
@@ -140,9 +141,7 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     specimen = Specimen(solid)
     held = Relaxation((0.1e-3, 0.2e-3), 20.0)
     names = write_relaxation(tmp_path, "hold", specimen, held, TESTER, 5, datetime(2024, 5, 14))
-    files.write_text(tmp_path / "calibration/load_cell.toml", cell_record())
-    text = session_head("Two depths (synthetic)") + relaxation_section("hold", names, specimen)
-    files.write_text(tmp_path / "session.toml", text)
+    begun(tmp_path, relaxation_section("hold", names, specimen), load_cell=cell_record())
     (found,) = identify_materials(tmp_path)
     first, second = found.known.fit.problem.evidence[0].groups
     assert first.name != second.name

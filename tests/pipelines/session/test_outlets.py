@@ -3,7 +3,7 @@
 import csv
 import json
 import re
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +15,11 @@ import labpipe as lp
 from labpipe.judging import FLAGS
 from pipelines.commands.session import process as command
 from pipelines.session import PAGE, process, verdict_on
-
-Edit = Callable[[Path], None]
+from tests.pipelines.sessions import page_of, replaced
 
 
 def _copied(folder: Path) -> None:
     (folder / "laser/drop_2.csv").write_bytes((folder / "laser/drop_1.csv").read_bytes())
-
-
-def _in_toml(old: str, new: str) -> Edit:
-    def edit(folder: Path) -> None:
-        toml = folder / "session.toml"
-        text = toml.read_text("utf-8")
-        assert old in text
-        toml.write_text(text.replace(old, new), "utf-8")
-
-    return edit
 
 
 def _told(folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, Any]]:
@@ -40,7 +29,7 @@ def _told(folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, dict[st
     text = runner.invoke(command, [str(folder), "--jobs", "0"]).output
     document = json.loads(runner.invoke(command, [str(folder), "--jobs", "0", "--json"]).output)
     names = list(done.session.experiments)
-    pages = {n: (folder / f"labpipe/reports/{n}.html").read_text("utf-8") for n in names}
+    pages = {n: page_of(folder, n) for n in names}
     compared = {one["experiment"]: one["believable"] for one in lp.compare(folder, jobs=0).experiments}
     index = (folder / "labpipe" / PAGE).read_text("utf-8")
     lp.export(folder, "csv", out=folder.parent / "csv")
@@ -87,7 +76,7 @@ def _of_index(index: str, name: str) -> str:
 
 _EDITS = {
     "a copy for a repeat": (_copied, {"drop": "doubtful"}, "holds the same bytes as laser/drop_1.csv"),
-    "height of another drop": (_in_toml('height = "1.5', 'height = "15'), {"drop": "impossible"}, ""),
+    "height of another drop": (partial(replaced, old='height = "1.5', new='height = "15'), {"drop": "impossible"}, ""),
 }
 
 
@@ -101,7 +90,7 @@ def test_all_outlets_say_the_same(edit: str, session_copy: Path, capsys: pytest.
         assert said == {n: whole[n] for n in said}, outlet
         assert said.keys() >= expected.keys(), outlet
     for name in expected:
-        assert text in (session_copy / f"labpipe/reports/{name}.html").read_text("utf-8")
+        assert text in page_of(session_copy, name)
 
 
 def test_a_page_is_amended_once_and_comes_back_when_the_finding_goes(session_copy: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from pipelines.cli import main
 from pipelines.session import PAGE, STAGES, open_session, write_overview
+from tests.pipelines.sessions import replaced
 
 
 def page(folder: Path) -> str:
@@ -29,8 +30,7 @@ def test_the_page_is_written_again_only_after_a_change(session_copy: Path) -> No
     before = path.stat().st_mtime_ns, path.read_bytes()
     write_overview(open_session(session_copy), STAGES)
     assert (path.stat().st_mtime_ns, path.read_bytes()) == before
-    toml = session_copy / "session.toml"
-    toml.write_text(toml.read_text("utf-8").replace('height = "1.5', 'height = "1.6'), "utf-8")
+    replaced(session_copy, 'height = "1.5', 'height = "1.6')
     write_overview(open_session(session_copy), STAGES)
     assert re.search(r"\d+ of \d+ steps to do(?! or failed)", page(session_copy))  # nothing has failed
 

@@ -13,15 +13,12 @@ from labpipe.errors import InputError, UsageError
 from labpipe.workflow.store import Store
 from pipelines.commands import session as commands
 from pipelines.session import catalogue, compare, export, plan, process, report, result, verdict
-
-
-def truth(folder: Path, name: str) -> dict:
-    return json.loads((folder / f"truth/{name}.json").read_text())
+from tests.pipelines.sessions import page_of, replaced, truth
 
 
 def test_every_experiment_has_a_report_and_every_result_can_be_opened(processed_session: Path) -> None:
     for name in ("drop", "nbr"):
-        page = (processed_session / f"labpipe/reports/{name}.html").read_text("utf-8")
+        page = page_of(processed_session, name)
         assert "synthetic" in page
         assert len(page.encode()) <= 3_000_000
     assert result(processed_session, "drop", "repeats").sizes["repeat"] == 2
@@ -47,8 +44,7 @@ def test_the_model_made_with_the_right_material_agrees(processed_session: Path) 
 
 def test_a_changed_setting_reruns_only_what_stands_behind_it(session_copy: Path) -> None:
     assert plan(session_copy).to_run == ()
-    path = session_copy / "session.toml"
-    path.write_text(path.read_text("utf-8").replace('radius = "9.525', 'radius = "9.526'), "utf-8")
+    replaced(session_copy, 'radius = "9.525', 'radius = "9.526')
     to_run = {row.stage for row in plan(session_copy).to_run if row.experiment == "drop"}
     assert {"model", "comparison", "report"} <= to_run
     assert not {"readings", "displacement", "bounces", "velocity", "repeats"} & to_run
@@ -112,21 +108,17 @@ def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None
     assert export(session_copy, only=["nbr"]).paths
 
 
-def _with_gap(folder: Path, kind: str) -> None:
-    path = folder / ("session.toml" if kind == "value" else "calibration/laser.toml")
-    old, new = ('"1.5 ± 0.005 mm"', '"FILL mm"') if kind == "value" else ('"12.00 ± 0.10 deg"', '"FILL deg"')
-    assert old in path.read_text("utf-8")
-    path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
-
-
 @pytest.mark.parametrize(
-    ("kind", "place", "remedy"),
-    [("value", "session.toml", "fill in line"), ("record", "calibration/laser.toml", "of calibration/laser.toml")],
+    ("old", "unit", "filled", "place", "remedy"),
+    [
+        ("1.5 ± 0.005", "mm", "1.5", "session.toml", "fill in line"),
+        ("12.00 ± 0.10", "deg", "12.0", "calibration/laser.toml", "of calibration/laser.toml"),
+    ],
 )
 def test_what_waits_has_an_entry_of_its_own_in_every_outlet(
-    session_copy: Path, kind: str, place: str, remedy: str
+    session_copy: Path, old: str, unit: str, filled: str, place: str, remedy: str
 ) -> None:
-    _with_gap(session_copy, kind)
+    replaced(session_copy, f'"{old} {unit}"', f'"FILL {unit}"', place)
     planned = CliRunner().invoke(commands.plan, [str(session_copy)]).output
     assert "1 experiment waits" in planned.splitlines()[0]
     assert "waiting: drop\n" in planned
@@ -151,6 +143,5 @@ def test_what_waits_has_an_entry_of_its_own_in_every_outlet(
     table = catalogue(session_copy).table.set_index("experiment")
     assert (table.loc["drop", "state"], table.loc["drop", "believable"]) == ("waiting", "unknown")
     assert f"{place}:{finding['line']}" in table.loc["drop", "findings"]
-    path = session_copy / place
-    path.write_text(path.read_text("utf-8").replace("FILL", "1.5" if kind == "value" else "12.0"), "utf-8")
+    replaced(session_copy, "FILL", filled, place)
     assert catalogue(session_copy).table.set_index("experiment").loc["drop", "state"] != "waiting"

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labpipe import contact, files, materials
+from labpipe import contact, materials
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.samples import STATED_FLOOR
-from pipelines.rig.session_text import drop_section, laser_record, session_head
-from pipelines.session import process, result
+from pipelines.rig.session_text import drop_section, laser_record
+from pipelines.session import result
+from tests.pipelines.sessions import begun, page_of, processed
 from tests.pipelines.small import START
 
 HEIGHT = 5e-3
@@ -22,11 +23,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flats")
     names = write_drops(folder, "drop", DropRig(duration=0.12), materials.load("acrylic"), HEIGHT, 1, 8, START)
     sections = (drop_section(name, names, HEIGHT, "acrylic", STATED_FLOOR + flat) for name, flat in FLATS.items())
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    files.write_text(folder / "session.toml", session_head("Flats (synthetic)") + "".join(sections))
-    outcome = process(folder, jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
+    return processed(begun(folder, "".join(sections), laser=laser_record()))
 
 
 def test_only_the_rigid_flat_is_biased(session: Path) -> None:
@@ -48,7 +45,7 @@ def test_its_modulus_stands_in_the_budget_with_the_slope_of_a_new_simulation(ses
 
 
 def test_the_page_says_what_it_lies_on_and_where_linearity_ends(session: Path) -> None:
-    page = (session / "labpipe/reports/sapphire.html").read_text("utf-8")
+    page = page_of(session, "sapphire")
     for words in ("sapphire of E = (403 ± 10) GPa and ν = 0.235", "acrylic begins to yield at 1.6 Y", "0.2 a/R"):
         assert words in page
     made = result(session, "sapphire", "model")

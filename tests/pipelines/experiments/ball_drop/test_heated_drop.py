@@ -7,12 +7,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from labpipe import files, materials
+from labpipe import materials
 from labpipe.units import Quantity
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.plate import PLATE
-from pipelines.rig.session_text import drop_section, laser_record, session_head
-from pipelines.session import open_session, process, result
+from pipelines.rig.session_text import drop_section, laser_record
+from pipelines.session import result
+from tests.pipelines.sessions import begun, processed, settings_of
 from tests.pipelines.small import START
 
 HEIGHT, HEATED, COOL = 5e-3, 39.0, Quantity(20.0, 0.5, "degC")
@@ -29,11 +30,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     section += f'temperature = "{HEATED:g} ± 0.5 degC"\nhomogeneous = true\n'
     surface = section.replace("experiments.heated", "experiments.surface").replace("homogeneous = true\n", "")
     cold = drop_section("cold", names, HEIGHT, "acrylic", ON_PLATE)
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    files.write_text(folder / "session.toml", session_head("Heated (synthetic)") + section + surface + cold)
-    outcome = process(folder, ["comparison"], jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
+    return processed(begun(folder, section + surface + cold, laser=laser_record()), ["comparison"])
 
 
 def test_the_shifted_material_agrees_and_the_cold_one_does_not(session: Path) -> None:
@@ -55,5 +52,5 @@ def test_a_surface_warmer_than_the_room_widens_the_prediction(session: Path) -> 
     assert tuple(rows["temperature"] for rows in budgets) == pytest.approx(expected)
     assert float(surface["u_restitution"][0]) > 3 * float(warm["u_restitution"][0])
     np.testing.assert_array_equal(surface["displacement"], warm["displacement"])
-    room = msgspec.structs.replace(open_session(session).experiments["surface"].settings.sphere, temperature=COOL)
+    room = msgspec.structs.replace(settings_of(session, "surface").sphere, temperature=COOL)
     assert room.inside == COOL

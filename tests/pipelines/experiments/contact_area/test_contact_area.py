@@ -1,24 +1,23 @@
 """A film through the disc: radius, impacts and rest against the rig's truth, and the model."""
 
-import json
-import shutil
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from labpipe import files, materials
+from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.uncertainty import linear_budget
 from pipelines.experiments.contact_area.measured import radius
 from pipelines.rig.drops import Body
 from pipelines.rig.film_under import UNDER_HEIGHT, Bursts, UnderCamera, burst_times, under_section, write_under
 from pipelines.rig.reference_drop import Floor
-from pipelines.rig.session_text import session_head, under_record
-from pipelines.session import open_session, process, result
+from pipelines.rig.session_text import under_record
+from pipelines.session import result
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.budgets import quantities
+from tests.pipelines.sessions import begun, copied, page_of, processed, settings_of, truth
 
 CAMERA = UnderCamera(samples=3, moments=2)
 
@@ -30,21 +29,12 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     times = burst_times(body, CAMERA.release, Bursts())
     times = times[(times < 0.023) | (times > 0.6)]  # the first impact, and rest
     film = write_under(folder, "acrylic_under", body, CAMERA, times, 5)
-    files.write_text(folder / "calibration/camera_under.toml", under_record())
-    text = session_head("Under the disc (synthetic)") + under_section(film)
-    files.write_text(folder / "session.toml", text)
-    outcome = process(folder, only=["acrylic_film"], jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
-
-
-def truth(session: Path) -> dict:
-    return json.loads((session / "truth/acrylic_under.json").read_text())
+    return processed(begun(folder, under_section(film), camera_under=under_record()), only=["acrylic_film"])
 
 
 def test_contact_is_seen_where_it_is(session: Path) -> None:
     found = result(session, "acrylic_film", "radius")
-    known = np.array(truth(session)["contact_radius"])
+    known = np.array(truth(session, "acrylic_under")["contact_radius"])
     seen = np.zeros(len(known), dtype=bool)
     seen[found["frame"].values] = found["in_contact"].values
     assert seen[known > 150e-6].all()
@@ -54,7 +44,7 @@ def test_contact_is_seen_where_it_is(session: Path) -> None:
 def test_the_radius_is_the_true_one(session: Path) -> None:
     found = result(session, "acrylic_film", "radius")
     seen = found["in_contact"].values.astype(bool)
-    known = np.array(truth(session)["contact_radius"])[found["frame"].values]
+    known = np.array(truth(session, "acrylic_under")["contact_radius"])[found["frame"].values]
     error = (found["radius"].values - known)[seen]
     growing = np.diff(known, append=0.0)[seen] > 0
     assert np.median(np.abs(error)) < 2e-6
@@ -96,7 +86,7 @@ def test_budgets_are_those_of_the_results(session: Path) -> None:
 @pytest.mark.filterwarnings("ignore:.*recorded in bursts")
 def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> None:
     whole = result(session, "acrylic_film", "radius")
-    settings = open_session(session).experiments["acrylic_film"].settings
+    settings = settings_of(session, "acrylic_film")
     rows, columns = CAMERA.rows, CAMERA.columns
     corners = ((columns - 5.5, rows - 7.0), (4.0, 6.0))
     film, record = session / settings.film, session / settings.camera
@@ -121,12 +111,8 @@ def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> Non
     [("", "up to 1.4 µm farther out"), ('work_of_adhesion = "20 ± 5 mJ/m2"', "JKR with the stated (20.0 ± 5.0) mJ/m²")],
 )
 def test_the_edge_of_an_adhesive_contact_is_told(session: Path, tmp_path: Path, stated: str, told: str) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(session, folder)
-    text = (folder / "session.toml").read_text("utf-8")
-    (folder / "session.toml").write_text(text.replace("wavelength =", f"{stated}\nwavelength =", 1), "utf-8")
-    assert process(folder, only=["acrylic_film"], jobs=0).exit_code == 0
-    assert told in (folder / "labpipe/reports/acrylic_film.html").read_text("utf-8")
+    folder = copied(session, tmp_path, "wavelength =", f"{stated}\nwavelength =")
+    assert told in page_of(processed(folder, only=["acrylic_film"]), "acrylic_film")
     beyond = float(result(folder, "acrylic_film", "model")["adhesion_shift"][0])
     found = quantities(folder, "acrylic_film")
     assert beyond == pytest.approx(found["largest contact area, impact 1"].inputs["adhesion"].value)

@@ -17,9 +17,10 @@ from labpipe.units import Quantity
 from pipelines.experiments.dma import glass_transition, measured as dma, model
 from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.session_text import dma_section, session_head
+from pipelines.rig.session_text import dma_section
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import SCHEMAS, process
+from pipelines.session import SCHEMAS
+from tests.pipelines.sessions import begun, page_of, processed, replaced, truth
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
 
@@ -40,8 +41,7 @@ def settings_for(name: str, **changes: object) -> Dma:
 def ptfe(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ptfe")
     export = write_dma(folder, "ptfe", SOLIDS["ptfe"], SMALL, 3)
-    truth = json.loads((folder / "truth/ptfe.json").read_text("utf-8"))
-    return dma.readings(folder / export, settings=settings_for("ptfe")), truth
+    return dma.readings(folder / export, settings=settings_for("ptfe")), truth(folder, "ptfe")
 
 
 @pytest.fixture(scope="module")
@@ -66,15 +66,15 @@ def test_the_sweeps_hold_the_true_moduli_within_the_noise(ptfe):
 def test_the_master_curve_lies_on_the_truth(ptfe, curve):
     """Noise is 1 % and 2 %; shifts were found to 0.02, moduli to 0.5 % and 2 % (rms)."""
     check(curve, SCHEMAS["master_curve"])
-    truth = ptfe[1]
-    np.testing.assert_allclose(curve.log10_aT, truth["log10_aT"], atol=0.08)
-    f = np.array(truth["frequency"])
+    known = ptfe[1]
+    np.testing.assert_allclose(curve.log10_aT, known["log10_aT"], atol=0.08)
+    f = np.array(known["frequency"])
     covered = curve["reduced_frequency"].values
     inside = (f >= covered[0]) & (f <= covered[-1])
     solid = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=float(curve.nu))
     found = solid.complex_modulus(2 * np.pi * f[inside])
-    storage = found.real / np.array(truth["storage"])[inside] - 1
-    loss = found.imag / np.array(truth["loss"])[inside] - 1
+    storage = found.real / np.array(known["storage"])[inside] - 1
+    loss = found.imag / np.array(known["loss"])[inside] - 1
     assert np.sqrt(np.mean(storage**2)) < 0.01
     assert np.sqrt(np.mean(loss**2)) < 0.03
 
@@ -190,15 +190,11 @@ def test_a_wrong_dimension_is_corrected_and_its_uncertainty_is_that_of_all_modul
 def session(tmp_path: Path) -> Path:
     solid = SOLIDS["ptfe"]
     export = write_dma(tmp_path, "ptfe", solid, SMALL, 3)
-    text = session_head("one material") + dma_section("ptfe", export, solid)
-    (tmp_path / "session.toml").write_text(text, "utf-8")
-    return tmp_path
+    return begun(tmp_path, dma_section("ptfe", export, solid))
 
 
 def test_a_session_is_processed_to_a_page_with_every_section(session):
-    result = process(session, jobs=0)
-    assert not result.failures
-    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    page = page_of(processed(session), "ptfe")
     for title in (
         "Master curve",
         "Shift factors",
@@ -214,9 +210,7 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
 def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
     solid = SOLIDS["ptfe"]
     write_dma(session, "ptfe", solid, Protocol(temperatures=(20.0,), ramp=(0.0, 5.0)), 1)
-    path = session / "session.toml"
-    path.write_text(path.read_text("utf-8").replace('T_ref = "20.031 degC"\n', ""), "utf-8")
-    assert not process(session, jobs=0).failures
-    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    replaced(session, 'T_ref = "20.031 degC"\n', "")
+    page = page_of(processed(session), "ptfe")
     assert "a single temperature determines no shift" in page
     assert "only one temperature" in page

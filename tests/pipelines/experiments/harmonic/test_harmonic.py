@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,41 +10,27 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from labpipe import contact, files, materials
-from labpipe.materials import Prony
+from labpipe import contact, materials
 from pipelines.experiments.harmonic import comparison, measured as harmonic, model
 from pipelines.experiments.shared import punch_model
 from pipelines.rig.indentations import TESTER, Harmonic, Specimen, oscillation_section, write_harmonic
-from pipelines.rig.session_text import cell_record, session_head
-from pipelines.session import open_session, process, result
+from pipelines.rig.session_text import cell_record
+from pipelines.session import result
+from tests.pipelines.sessions import begun, page_of, processed, settings_of, truth
+from tests.pipelines.small import START
 
-START = datetime(2024, 5, 14, 9, 30)
 PROTOCOL = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=6)
 
 
-def write(folder: Path, protocol: Harmonic, seed: int, **changes: Any) -> None:
+def write(folder: Path, protocol: Harmonic, seed: int, **changes: Any) -> Path:
     specimen = Specimen(materials.load("nbr"))
     write_harmonic(folder, "nbr", specimen, protocol, replace(TESTER, **changes), seed, START)
-    files.write_text(folder / "calibration/load_cell.toml", cell_record())
-    text = session_head("Harmonic (synthetic)") + oscillation_section("nbr", specimen)
-    files.write_text(folder / "session.toml", text + "elements = 512\n")
+    return begun(folder, oscillation_section("nbr", specimen) + "elements = 512\n", load_cell=cell_record())
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("harmonic")
-    write(folder, PROTOCOL, 31)
-    outcome = process(folder, jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
-
-
-def truth(session: Path) -> dict[str, Any]:
-    return json.loads((session / "truth/nbr.json").read_text())
-
-
-def settings(session: Path) -> Any:
-    return open_session(session).experiments["nbr"].settings
+    return processed(write(tmp_path_factory.mktemp("harmonic"), PROTOCOL, 31))
 
 
 def stage(session: Path, name: str) -> xr.Dataset:
@@ -54,7 +39,7 @@ def stage(session: Path, name: str) -> xr.Dataset:
 
 def test_work_and_stiffness_are_the_true_ones(session: Path) -> None:
     found = stage(session, "oscillations")
-    for i, row in enumerate(truth(session)["oscillations"]):
+    for i, row in enumerate(truth(session, "nbr")["oscillations"]):
         for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
             gap = float(found[name][i]) - row[name]
             assert abs(gap) < 3 * float(found[f"u_{name}"][i]), name
@@ -62,7 +47,7 @@ def test_work_and_stiffness_are_the_true_ones(session: Path) -> None:
 
 def test_rows_know_what_a_wrong_delay_does_to_them(session: Path) -> None:
     loads, known, made = (stage(session, name) for name in ("loads", "oscillations", "model"))
-    chosen = settings(session)
+    chosen = settings_of(session, "nbr")
     longer, u = json.loads(loads.attrs["filter_delay"])
     late = harmonic.oscillations(loads.assign_attrs(filter_delay=json.dumps([longer + 2e-4, u])), settings=chosen)
     laid = comparison.comparison(loads, known, made, settings=chosen)
@@ -96,7 +81,7 @@ def test_the_work_of_the_theory_is_that_of_the_equation(session: Path) -> None:
 
 
 def test_where_the_theory_does_not_apply_it_says_so_and_nothing_fails(session: Path) -> None:
-    given = settings(session)
+    given = settings_of(session, "nbr")
     wide = msgspec.structs.replace(given.punch, radius=given.punch.radius._replace(value=20e-3))
     parts = (stage(session, name) for name in ("oscillations", "loops"))
     found = model.theory(*parts, None, None, settings=msgspec.structs.replace(given, punch=wide))
@@ -116,24 +101,20 @@ def modelled(session: Path, chosen: Any) -> xr.Dataset:
 
 
 def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rubber = materials.load("nbr")
-    stiff = Prony(float(rubber.E_relaxed) * 1.1, np.asarray(rubber.E) * 1.1, rubber.rho, nu=rubber.nu)
-    monkeypatch.setattr(punch_model, "resolve", lambda *_: stiff)
-    assert float(modelled(session, settings(session))["nrmse"].min()) > 0.2
+    monkeypatch.setattr(punch_model, "resolve", lambda *_: materials.load("nbr").scaled(1.1))
+    assert float(modelled(session, settings_of(session, "nbr"))["nrmse"].min()) > 0.2
 
 
 @pytest.mark.slow
 def test_detachment_is_detected_as_long_as_it_lasts(tmp_path: Path) -> None:
     """An amplitude above the mean indentation: the punch leaves the rubber in every cycle."""
-    write(tmp_path, replace(PROTOCOL, mean=30e-6, amplitude=40e-6, frequencies=(1.0,)), 32)
-    outcome = process(tmp_path, jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    processed(write(tmp_path, replace(PROTOCOL, mean=30e-6, amplitude=40e-6, frequencies=(1.0,)), 32))
     lost = float(stage(tmp_path, "loops")["contact_loss"][0])
-    assert lost == pytest.approx(truth(tmp_path)["oscillations"][0]["contact_loss"], abs=0.05)
+    assert lost == pytest.approx(truth(tmp_path, "nbr")["oscillations"][0]["contact_loss"], abs=0.05)
     assert lost > 0.2
     assert float(stage(tmp_path, "comparison")["nrmse"].max()) < 0.02
     assert float(stage(tmp_path, "theory")["tapping_amplitude"][0]) < 40e-6
-    page = (tmp_path / "labpipe/reports/nbr.html").read_text("utf-8")
+    page = page_of(tmp_path, "nbr")
     assert "contact is lost in part of the cycle at 0.996 Hz" in page
     assert "beyond the tapping front" in page
 

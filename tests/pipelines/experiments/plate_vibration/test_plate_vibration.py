@@ -2,23 +2,23 @@
 
 import json
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labpipe import files, materials
+from labpipe import materials
 from labpipe.uncertainty import linear_budget
 from pipelines.experiments.plate_vibration.comparison import amplitudes
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import sweeps
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.plate import PLATE, PLATE_RIG
-from pipelines.rig.session_text import drop_section, laser_record, plate_laser_record, session_head
+from pipelines.rig.session_text import drop_section, laser_record, plate_laser_record
 from pipelines.session import open_session, process, result
 from tests.pipelines.budgets import quantities
+from tests.pipelines.sessions import begun, copied, processed, settings_of, truth
 from tests.pipelines.small import START, write_plate
 
 NAMES = ("acrylic", "ptfe")
@@ -35,13 +35,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recordings = write_drops(folder, "drop", rig, materials.load("acrylic"), 5e-3, 1, 5, START)
     text += drop_section("drop", recordings, 5e-3, "acrylic", 'plate_from = "plate"\n')
     text += drop_section("rigid", recordings, 5e-3, "acrylic") + sweeps(folder, *NAMES, protocol=SMALL.dma)
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
-    files.write_text(folder / "session.toml", session_head("Plate (synthetic)") + text)
-    for targets, only in ((None, ["plate"]), (["comparison"], ["drop", "rigid"])):  # of these no page is looked at
-        outcome = process(folder, targets, only, jobs=0)
-        assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
+    processed(begun(folder, text, laser=laser_record(), laser_plate=plate_laser_record()), only=["plate"])
+    return processed(folder, ["comparison"], ["drop", "rigid"])  # of these no page is looked at
 
 
 @pytest.mark.filterwarnings("ignore:the record ends before the body is at rest")
@@ -50,7 +45,7 @@ def test_every_ringing_is_the_true_one_within_its_uncertainty(session: Path) -> 
         for repeat in (1, 2):
             stem = f"plate_{name}_5mm_{repeat}"
             found = result(session, "plate", "ringing", f"laser_plate/{stem}.csv")
-            known = json.loads((session / f"truth/{stem}.json").read_text())
+            known = truth(session, stem)
             for quantity in ("natural_frequency", "damping_ratio", "blow_time"):
                 gap = float(found[quantity]) - known[quantity]
                 assert abs(gap) < 3.5 * float(found[f"u_{quantity}"]), quantity
@@ -72,7 +67,7 @@ def test_frequency_is_the_plate_s_and_the_modal_mass_the_true_one(session: Path)
 def test_two_drops_that_predict_each_other_differ_by_as_much_in_units_of_u(session: Path) -> None:
     """They are one comparison: an amplitude 14 % off is no more than that."""
     table, plate = result(session, "plate", "table"), result(session, "plate", "plate")
-    settings = open_session(session).experiments["plate"].settings
+    settings = settings_of(session, "plate")
     by = np.array([1.14, 1.0])
     other = table.assign(amplitude=table["amplitude"] * by), plate.assign(modal_mass=plate["modal_mass"] / by)
     first, second = (one.deviation for one in amplitudes(*other, settings) if one is not None)
@@ -92,13 +87,8 @@ def test_a_drop_on_a_plate_needs_the_plate_in_its_model(session: Path) -> None:
 
 
 def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(session: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(session, folder)
-    path = folder / "session.toml"
     sphere = '\n[experiments.plate.sphere]\nradius = "9.525 ± 0.005 mm"\nmass = "505.0 ± 0.5 g"\n'
-    text = path.read_text("utf-8")
-    assert sphere in text
-    path.write_text(text.replace(sphere, ""), "utf-8")
+    folder = copied(session, tmp_path, sphere, "")
     outcome = process(folder, only=["plate", "drop"], jobs=0)
     told = {o.task.experiment: o.message for o in outcome.failures if o.task.stage == "model"}
     assert "name the sphere" in told["plate"]
@@ -116,10 +106,7 @@ def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(session: Path, tmp
     ],
 )
 def test_mistakes_in_the_session_are_named(session: Path, tmp_path: Path, old: str, new: str, says: str) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(session, folder, ignore=shutil.ignore_patterns("labpipe"))
-    path = folder / "session.toml"
-    path.write_text(path.read_text("utf-8").replace(old, new, 1), "utf-8")
+    folder = copied(session, tmp_path, old, new, ignored="labpipe")
     said = [problem for problems in open_session(folder).waiting.values() for problem in problems]
     assert any(re.search(says, problem) for problem in said), said
 

@@ -1,10 +1,6 @@
 """Relaxation tests: forces, depth and moduli against the rig's truth, and the model beside them."""
 
-import json
-from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -20,52 +16,30 @@ from pipelines.experiments.shared import mach1_readings, punch_model
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
 from pipelines.rig.indentations import TESTER, Relaxation, Specimen, relaxation_section, write_relaxation
-from pipelines.rig.session_text import cell_record, session_head
-from pipelines.session import open_session, process, result
+from pipelines.rig.session_text import cell_record
+from pipelines.session import result
 from tests.pipelines.budgets import quantities
+from tests.pipelines.sessions import begun, page_of, processed, settings_of, truth
 from tests.pipelines.shown import texts_between
+from tests.pipelines.small import START
 
-START = datetime(2024, 5, 14, 9, 30)
 SAMPLES = Path(__file__).parents[4] / "../shared/samples/mach1"
 DEPTHS = (0.1e-3, 0.3e-3)
 PUNCH = Punch(radius=Quantity(2e-3, 0.0, "m"), period=Quantity(8e-3, 0.0, "m"), depth=Quantity(6e-3, 0.0, "m"), tips=3)
 
 
-def write(folder: Path, protocol: Relaxation, seed: int, **changes: Any) -> None:
-    specimen = Specimen(materials.load("nbr"))
-    tester = replace(TESTER, **changes)
-    names = write_relaxation(folder, "nbr", specimen, protocol, tester, seed, START)
-    files.write_text(folder / "calibration/load_cell.toml", cell_record())
-    text = session_head("Relaxation (synthetic)") + relaxation_section("nbr", names, specimen)
-    text += "elements = 512\n"
-    files.write_text(folder / "session.toml", text)
-
-
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("relaxation")
-    write(folder, Relaxation(depths=DEPTHS, hold=30.0), 3)
-    outcome = process(folder, jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
-
-
-def truth(session: Path, depth: float) -> dict[str, float]:
-    return json.loads((session / f"truth/nbr_{depth * 1e6:.0f}um.json").read_text())
-
-
-def settings(session: Path) -> Any:
-    return open_session(session).experiments["nbr"].settings
-
-
-def files_of(session: Path) -> list[str]:
-    return list(settings(session).mach1)
+    folder, specimen = tmp_path_factory.mktemp("relaxation"), Specimen(materials.load("nbr"))
+    names = write_relaxation(folder, "nbr", specimen, Relaxation(depths=DEPTHS, hold=30.0), TESTER, 3, START)
+    section = relaxation_section("nbr", names, specimen) + "elements = 512\n"
+    return processed(begun(folder, section, load_cell=cell_record()))
 
 
 def test_depth_peak_and_plateau_are_the_true_ones(session: Path) -> None:
     found = result(session, "nbr", "tests")
     for i, depth in enumerate(DEPTHS):
-        known = truth(session, depth)
+        known = truth(session, f"nbr_{depth * 1e6:.0f}um")
         assert abs(float(found["depth"][i]) - depth) < 3 * float(found["u_depth"][i])
         gap = float(found["plateau_force"][i]) - known["plateau_force"]
         assert abs(gap) < 3 * float(found["u_plateau_force"][i])
@@ -76,11 +50,11 @@ def test_depth_peak_and_plateau_are_the_true_ones(session: Path) -> None:
 
 def test_the_modulus_is_the_plateau_over_the_elastic_force_of_the_true_depth(session: Path) -> None:
     found = result(session, "nbr", "tests")
-    chosen = settings(session)
+    chosen = settings_of(session, "nbr")
     geometry = Geometry.of(chosen.punch, chosen.substrate, chosen.model, 0.5)
     for i, depth in enumerate(DEPTHS):
         area = float(elastic_force(np.array([depth]), geometry)[0])
-        known = truth(session, depth)["plateau_force"] / area
+        known = truth(session, f"nbr_{depth * 1e6:.0f}um")["plateau_force"] / area
         gap = float(found["reduced_modulus"][i]) - known
         assert abs(gap) < 3 * float(found["u_reduced_modulus"][i])
     low, high = found["reduced_modulus"].values.min(), found["reduced_modulus"].values.max()
@@ -113,13 +87,13 @@ def test_the_model_of_the_right_material_agrees_in_every_part(session: Path) -> 
 def test_a_wrong_input_of_the_model_shows(
     session: Path, monkeypatch: pytest.MonkeyPatch, stiffness: tuple[float, ...], radius: float, part: str, least: float
 ) -> None:
-    rubber, chosen = materials.load("nbr"), settings(session)
+    rubber, chosen = materials.load("nbr"), settings_of(session, "nbr")
     relaxed, terms = stiffness
     solid = Prony(float(rubber.E_relaxed) * relaxed, np.asarray(rubber.E) * terms, rubber.rho, nu=rubber.nu)
     monkeypatch.setattr(punch_model, "resolve", lambda *_: solid)
     punch = msgspec.structs.replace(chosen.punch, radius=Quantity(radius, 0.0, "m"))
     changed = msgspec.structs.replace(chosen, punch=punch)
-    loads, ramps = (result(session, "nbr", stage, files_of(session)[0]) for stage in ("loads", "ramps"))
+    loads, ramps = (result(session, "nbr", stage, settings_of(session, "nbr").mach1[0]) for stage in ("loads", "ramps"))
     made = punch_model.model(loads, ramps, None, None, settings=changed)
     found = comparison.comparison(loads, ramps, made, settings=changed)
     assert float(found[f"nrmse_{part}"][0]) > least
@@ -128,15 +102,13 @@ def test_a_wrong_input_of_the_model_shows(
 def test_without_a_punch_the_forces_are_reported_and_the_reason_is_told(session: Path, tmp_path: Path) -> None:
     text = (session / "session.toml").read_text("utf-8")
     bare = text[: text.index("[experiments.nbr.punch]")]
-    for name in files_of(session):
+    for name in settings_of(session, "nbr").mach1:
         files.write_bytes(tmp_path / name, (session / name).read_bytes())
     files.write_text(tmp_path / "session.toml", bare)
-    outcome = process(tmp_path, jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    found = result(tmp_path, "nbr", "tests")
+    found = result(processed(tmp_path), "nbr", "tests")
     assert "reduced_modulus" not in found
     assert (found["peak_force"] > found["plateau_force"]).all()
-    page = (tmp_path / "labpipe/reports/nbr.html").read_text("utf-8")
+    page = page_of(tmp_path, "nbr")
     assert "names no punch" in page
     assert not any("model" in text for text in texts_between(page, "tests", "methods-text-to-paste"))
 

@@ -1,8 +1,5 @@
 """Static loading: approach, radius, creep and first touch against the rig's truth."""
 
-import json
-from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,44 +8,28 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from labpipe import files, materials
+from labpipe import materials
 from labpipe.errors import ConfigError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import quantity
 from pipelines.experiments.static_loading import comparison, measured as static_loading, model
-from pipelines.rig.session_text import laser_record, session_head
+from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
-from pipelines.session import open_session, process, result
+from pipelines.session import open_session, result
 from tests.pipelines.budgets import quantities
+from tests.pipelines.sessions import begun, copied, processed, settings_of, truth
+from tests.pipelines.small import START
 
-START = datetime(2024, 5, 14, 9, 30)
 RIG = StaticRig()
 NAME = "ptfe_static"
-
-
-def write(folder: Path, rig: StaticRig, seed: int) -> None:
-    file = write_static(folder, NAME, rig, materials.load("ptfe"), seed, START)
-    files.write_text(folder / "calibration/laser.toml", laser_record())
-    text = session_head("Static (synthetic)") + static_section(NAME, file, rig, "ptfe")
-    files.write_text(folder / "session.toml", text)
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("static")
-    write(folder, RIG, 21)
-    outcome = process(folder, jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    return folder
-
-
-def truth(session: Path) -> dict[str, Any]:
-    return json.loads((session / f"truth/{NAME}.json").read_text())
-
-
-def settings(session: Path) -> Any:
-    return open_session(session).experiments[NAME].settings
+    file = write_static(folder, NAME, RIG, materials.load("ptfe"), 21, START)
+    return processed(begun(folder, static_section(NAME, file, RIG, "ptfe"), laser=laser_record()))
 
 
 def stage(session: Path, name: str) -> xr.Dataset:
@@ -57,11 +38,11 @@ def stage(session: Path, name: str) -> xr.Dataset:
 
 def true_levels(session: Path, steps: xr.Dataset, approach: xr.Dataset) -> tuple[Any, Any]:
     """True approach and creep of every load in the windows that were used."""
-    known = truth(session)
+    known = truth(session, NAME)
     depth = np.interp(approach["time"].values, known["time"], known["approach"])
     levels, creeps = [], []
     for begin, end in zip(steps["begin"].values, steps["end"].values, strict=True):
-        first, last = static_loading.windows(approach["time"].values, (float(begin), float(end)), settings(session))
+        first, last = static_loading.windows(approach["time"].values, (begin, end), settings_of(session, NAME))
         levels.append(depth[last].mean())
         creeps.append(depth[last].mean() - depth[first].mean())
     return np.array(levels), np.array(creeps)
@@ -69,7 +50,7 @@ def true_levels(session: Path, steps: xr.Dataset, approach: xr.Dataset) -> tuple
 
 def test_the_loads_are_found_when_they_were_put_on(session: Path) -> None:
     found = stage(session, "steps")
-    gap = found["begin"].values - np.array(truth(session)["load_times"])
+    gap = found["begin"].values - np.array(truth(session, NAME)["load_times"])
     assert np.abs(gap).max() <= 2.5  # half the time between two readings
 
 
@@ -116,14 +97,9 @@ def compared(session: Path, chosen: Any) -> xr.Dataset:
     return comparison.comparison(stage(session, "displacement"), found, steps, made, settings=chosen)
 
 
-def softer(factor: float) -> Callable[..., Prony]:
-    solid = materials.load("ptfe")
-    return lambda *_: Prony(float(solid.E_relaxed) * factor, np.asarray(solid.E) * factor, solid.rho, nu=solid.nu)
-
-
 def test_a_modulus_a_quarter_too_low_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model, "resolve", softer(0.75))
-    found = compared(session, settings(session))
+    monkeypatch.setattr(model, "resolve", lambda *_: materials.load("ptfe").scaled(0.75))
+    found = compared(session, settings_of(session, NAME))
     assert float(found["nrmse_contact_radius_model"]) > 0.06
     assert float(found["curve_p"]) < 1e-6
 
@@ -135,7 +111,7 @@ def test_a_solid_without_a_plateau_is_held_against_hertz_at_the_end(
     solid = materials.load("ptfe")
     flowing = Prony(0.0, np.asarray(solid.E), solid.rho, nu=solid.nu)
     monkeypatch.setattr(model, "resolve", lambda *_: flowing)
-    found = compared(session, settings(session))
+    found = compared(session, settings_of(session, NAME))
     assert str(found.attrs["reference"]).startswith("modulus after ")
     assert np.isfinite(found["hertz_difference"].values).all()
     assert np.isfinite(float(found["curve_p"]))
@@ -143,7 +119,7 @@ def test_a_solid_without_a_plateau_is_held_against_hertz_at_the_end(
 
 def test_times_need_not_be_given_and_one_half_a_minute_off_is_told(session: Path) -> None:
     """2.55 min may mean two minutes and 55 s."""
-    chosen, moved = settings(session), stage(session, "displacement")
+    chosen, moved = settings_of(session, NAME), stage(session, "displacement")
     loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
     found = static_loading.steps(moved, settings=msgspec.structs.replace(chosen, loads=loads))
     np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
@@ -163,13 +139,9 @@ def test_times_need_not_be_given_and_one_half_a_minute_off_is_told(session: Path
     ],
 )
 def test_mistakes_in_the_settings_are_told(session: Path, tmp_path: Path, old: str, new: str, told: str) -> None:
-    for name in (f"laser/{NAME}.csv", "calibration/laser.toml"):
-        files.write_bytes(tmp_path / name, (session / name).read_bytes())
-    text = (session / "session.toml").read_text("utf-8")
-    assert old in text
-    files.write_text(tmp_path / "session.toml", text.replace(old, new))
+    wrong = copied(session, tmp_path, old, new, ignored="labpipe")
     with pytest.raises(ConfigError) as caught:
-        open_session(tmp_path)
+        open_session(wrong)
     assert told in " ".join(map(str, caught.value.problems))
 
 
