@@ -22,7 +22,6 @@ ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 LIKELY, DIFFERS = 0.05, 0.001
 """Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
-_SINGULAR = 1e-9  # part of the largest variance (of correlations) below which a direction carries no information
 _OPEN = 0.05  # part of a shared uncertainty by which its effects may differ in shape from their sensitivities
 _BATCHES, _TREND = 10, 2  # of a stretch, and their degree: flights and relaxations that differ do so along arcs
 
@@ -42,11 +41,11 @@ class Agreement:
     largest: float
 
 
-def _directions(covariance: Floats, slack: ArrayLike | None = None) -> tuple[Floats, float]:
+def _directions(covariance: Floats, slack: ArrayLike | None = None, singular: float = 1e-9) -> tuple[Floats, float]:
     """Return rows that turn differences into independent numbers of variance one, and how many of them scatter."""
     scale = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > _SINGULAR * values.max()
+    kept = values > singular * values.max()  # other directions carry no information
     root = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
     allowed = 0.0 if slack is None else float(np.sum(root**2 @ np.asarray(slack, float)))
     return root, max(float(kept.sum()) - allowed, 1.0)
