@@ -220,18 +220,23 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
 _STATED = Specimen(materials.load("nbr"))
 
 
+def drawn(stated: Specimen, random: np.random.Generator) -> Specimen:
+    """Return a punch and a surface off what is stated within its uncertainty."""
+    return replace(
+        stated,
+        tip_radius=stated.tip_radius + random.normal(0.0, 2e-6),
+        depth=stated.depth + random.normal(0.0, 6e-6),
+        surface=stated.surface + random.normal(0.0, 1e-5),
+    )
+
+
 def _specimen(seed: int) -> tuple[Specimen, Any]:
     """Draw what differs from the stated punch, surface and load cell, and how far the stage is from what it is asked.
 
     One and the same oscillation would be rounded to the same steps in every file, and err by one draw alone.
     """
     random = np.random.default_rng(seed)
-    specimen = replace(
-        _STATED,
-        tip_radius=_STATED.tip_radius + random.normal(0.0, 2e-6),
-        depth=_STATED.depth + random.normal(0.0, 6e-6),
-        surface=_STATED.surface + random.normal(0.0, 1e-5),
-    )
+    specimen = drawn(_STATED, random)
     gain, offset = 1 / (1 + random.normal(0.0, 1e-3)), random.normal(0.0, 0.3)
     slow, wide = TESTER.frequency_error * random.uniform(0.5, 1.5), TESTER.amplitude_error * random.uniform(0.5, 1.5)
     tester = replace(TESTER, force_gain=gain, force_offset=offset, frequency_error=slow, amplitude_error=wide)
