@@ -10,27 +10,16 @@ import pytest
 import xarray as xr
 
 from calibration.camera import image_scale, motion, pixel_size
-from calibration.record import CameraRecord, CameraValues, load_record
+from calibration.record import Record, load_record
 from calibration.ruler import graduations
 from labpipe.errors import CalibrationError, ConfigError, InputError
 from labpipe.units import quantity
+from tests.calibration.records import made
 
 
-def record(view: str = "front", **values: str) -> CameraRecord:
+def record(view: str = "front", **values: str) -> Record:
     values = values or {"reference_length": "30 mm", "pixel_length": "386 ± 1.5 px"}
-    return CameraRecord(
-        version=1,
-        kind="camera",
-        id=f"camera-{view}",
-        instrument="Phantom",
-        view=view,
-        valid_from=date(2024, 1, 1),
-        valid_until=date(2024, 12, 31),
-        who="A",
-        how="ruler",
-        when=date(2024, 1, 1),
-        values=CameraValues(**{name: quantity(text) for name, text in values.items()}),
-    )
+    return made("camera", "Phantom", date(2024, 1, 1), values, view=view, valid_until=date(2024, 12, 31))
 
 
 @pytest.mark.parametrize(

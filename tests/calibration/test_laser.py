@@ -9,29 +9,17 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration import laser
-from calibration.record import KINDS, LaserValues
 from instruments import keyence
 from labpipe.errors import CalibrationError, InputError
-from labpipe.units import Quantity, quantity
+from labpipe.units import Quantity
+from tests.calibration.records import made
 from tests.faults import seeds
 
 DAY = datetime(2024, 5, 14)
-COMMON = {
-    "version": 1,
-    "id": "r",
-    "instrument": "LK-G5001",
-    "valid_from": DAY.date(),
-    "valid_until": DAY.date(),
-    "who": "a",
-    "when": DAY.date(),
-    "how": "b",
-}
 
 
 def record(inclination="12.00 ± 0.05 deg", scale="1.0010 ± 0.0002", **values):
-    values = {name: quantity(text) for name, text in values.items()}
-    known = LaserValues(inclination=quantity(inclination), scale=quantity(scale), **values)
-    return KINDS["laser"](kind="laser", values=known, **COMMON)
+    return made("laser", "LK-G5001", DAY.date(), {"inclination": inclination, "scale": scale, **values})
 
 
 def drop(n=2000, rest=600, seed=1, noise=1e-6):

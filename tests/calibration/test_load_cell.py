@@ -11,10 +11,10 @@ from scipy import signal
 
 import calibration
 from calibration import load_cell
-from calibration.record import KINDS, LoadCellValues
 from instruments import mach1
 from labpipe.errors import CalibrationError, InputError
-from labpipe.units import Quantity, quantity
+from labpipe.units import Quantity
+from tests.calibration.records import made
 from tests.instruments.mach1_blocks import split_blocks
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
@@ -22,20 +22,7 @@ START = datetime(2024, 1, 24, 10)
 
 
 def record(scale="1.002 ± 0.001", serial="", instrument="25kg", **values):
-    values = {name: quantity(text) for name, text in values.items()}
-    return KINDS["load_cell"](
-        version=1,
-        kind="load_cell",
-        id="cell",
-        instrument=instrument,
-        serial=serial,
-        valid_from=START.date(),
-        valid_until=START.date(),
-        who="a",
-        when=START.date(),
-        how="five masses",
-        values=LoadCellValues(scale=quantity(scale), **values),
-    )
+    return made("load_cell", instrument, START.date(), {"scale": scale, **values}, serial=serial)
 
 
 def press(n=400, rest=200, offset=-0.25, seed=0, cell="17N"):

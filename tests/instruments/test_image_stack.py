@@ -30,8 +30,9 @@ def write_folder(folder: Path, names: list[str], dtype: type = np.uint8) -> np.n
     return film
 
 
-def test_images_are_sorted_by_number_not_by_name(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["a9.png", "a10.png", "a11.png"])
+@pytest.mark.parametrize("form", ["a{}.png", "a{}_12bit.tif"])
+def test_images_are_sorted_by_the_number_that_varies_not_by_name(tmp_path: Path, form: str) -> None:
+    film = write_folder(tmp_path / "f", [form.format(number) for number in (9, 10, 11)])
     found = instruments.read(tmp_path / "f", fps=1000.0)
     assert isinstance(found, FrameSource)
     assert instruments.identify(tmp_path / "f") == "image_stack"
@@ -107,12 +108,8 @@ def test_other_bits_and_bare_pixels_are_refused_with_what_to_do(tmp_path: Path) 
         instruments.read(tmp_path / "f.mraw")
 
 
-def test_the_number_that_varies_is_the_place(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["a9_12bit.tif", "a10_12bit.tif", "a11_12bit.tif"])
-    found = instruments.read(tmp_path / "f", fps=1000.0)
-    np.testing.assert_array_equal(np.stack(list(found)), film)
-    np.testing.assert_allclose(found.time, [0, 1e-3, 2e-3])
-    write_folder(tmp_path / "f", ["b10_12bit.tif"])
+def test_a_number_that_occurs_twice_is_refused(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a9_12bit.tif", "a10_12bit.tif", "a11_12bit.tif", "b10_12bit.tif"])
     with pytest.raises(SourceError, match=r"number 10 occurs twice, also in a10_12bit.tif\n  Put only the images"):
         instruments.read(tmp_path / "f", fps=1000.0)
 

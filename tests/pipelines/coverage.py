@@ -28,7 +28,6 @@ from pipelines.experiments.ball_drop import measured as ball_drop
 from pipelines.experiments.contact_area import measured as contact_area
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dma import measured as dma, model as dma_model
-from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.harmonic import measured as harmonic
 from pipelines.experiments.plate_vibration import measured as plate_vibration, model as plate_vibration_model
 from pipelines.experiments.relaxation import measured as relaxation
@@ -36,7 +35,7 @@ from pipelines.experiments.shared import laser_readings, mach1_readings
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.rig.campaign import SMALL
-from pipelines.rig.dma import Protocol, write_dma
+from pipelines.rig.dma import write_dma
 from pipelines.rig.drops import Body, DropRig, LaserSensor, write_drops
 from pipelines.rig.film_front import FrontCamera, front_section, write_front
 from pipelines.rig.film_under import Bursts, UnderCamera, burst_times, under_section, write_under
@@ -66,6 +65,7 @@ from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from tests.pipelines.sessions import begun, settings_of, truth
 from tests.pipelines.small import START
+from tests.pipelines.sweeps import FEW, settings_for
 
 Scores = dict[str, list[float]]
 Kind = Callable[[Path, int, Scores], None]
@@ -220,18 +220,23 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
 _STATED = Specimen(materials.load("nbr"))
 
 
+def drawn(stated: Specimen, random: np.random.Generator) -> Specimen:
+    """Return a punch and a surface off what is stated within its uncertainty."""
+    return replace(
+        stated,
+        tip_radius=stated.tip_radius + random.normal(0.0, 2e-6),
+        depth=stated.depth + random.normal(0.0, 6e-6),
+        surface=stated.surface + random.normal(0.0, 1e-5),
+    )
+
+
 def _specimen(seed: int) -> tuple[Specimen, Any]:
     """Draw what differs from the stated punch, surface and load cell, and how far the stage is from what it is asked.
 
     One and the same oscillation would be rounded to the same steps in every file, and err by one draw alone.
     """
     random = np.random.default_rng(seed)
-    specimen = replace(
-        _STATED,
-        tip_radius=_STATED.tip_radius + random.normal(0.0, 2e-6),
-        depth=_STATED.depth + random.normal(0.0, 6e-6),
-        surface=_STATED.surface + random.normal(0.0, 1e-5),
-    )
+    specimen = drawn(_STATED, random)
     gain, offset = 1 / (1 + random.normal(0.0, 1e-3)), random.normal(0.0, 0.3)
     slow, wide = TESTER.frequency_error * random.uniform(0.5, 1.5), TESTER.amplitude_error * random.uniform(0.5, 1.5)
     tester = replace(TESTER, force_gain=gain, force_offset=offset, frequency_error=slow, amplitude_error=wide)
@@ -243,12 +248,8 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
     name = POLYMERS[seed % 4]
     solid = SOLIDS[name]
     at = min(solid.T_ref, 20.0)  # within these few sweeps
-    protocol = Protocol(
-        temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist())
-    )
-    export = write_dma(folder, name, solid, protocol, seed)
-    nu, T_ref = Quantity(solid.nu, 0.0, "1"), Quantity(at, 0.0, "degC")
-    settings = Dma(kind="dma", rheometer=[export], mode=solid.mode, nu=nu, T_ref=T_ref)
+    export = write_dma(folder, name, solid, FEW, seed)
+    settings = settings_for(name, export, T_ref=Quantity(at, 0.0, "degC"))
     read = dma.readings(folder / export, settings=settings)
     found = dma_model.master_curve(dma.gathered([read], settings=settings), settings=settings)
     shift = np.array(truth(folder, name)["log10_aT"]) - solid.log10_aT(at)

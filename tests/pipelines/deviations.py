@@ -41,13 +41,13 @@ from pipelines.rig.session_text import (
     from_dma,
     laser_record,
     plate_laser_record,
-    session_head,
     under_record,
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from pipelines.session import derive, opened, process
-from tests.pipelines.coverage import INSIDE, POLYMERS
+from tests.pipelines.coverage import POLYMERS, Scores, drawn, rows_of
+from tests.pipelines.sessions import begun
 from tests.pipelines.small import START
 
 _HEIGHTS = (1.5e-3, 5e-3, 10e-3)
@@ -102,19 +102,12 @@ def write_specimens(folder: Path, seed: int, *, drops_only: bool = False) -> Non
         record.replace('scale = "1.0000 ±', f'scale = "{1 + 5e-4 * random.standard_normal():.6f} ±')
         for record in (laser_record(), plate_laser_record())
     ]
-    for name, record in zip(("laser", "laser_plate", "load_cell"), (*gains, delay), strict=True):
-        files.write_text(folder / f"calibration/{name}.toml", record)
-    files.write_text(folder / "session.toml", session_head("Specimens (synthetic)") + text)
+    begun(folder, text, laser=gains[0], laser_plate=gains[1], load_cell=delay)
 
 
 def _indentations(folder: Path, room: float, seed: int, random: np.random.Generator) -> str:
     stated = Specimen(specimen_of("nbr", room))
-    true = replace(
-        stated,
-        tip_radius=stated.tip_radius + 2e-6 * random.standard_normal(),
-        depth=stated.depth + 6e-6 * random.standard_normal(),
-        surface=stated.surface + 1e-5 * random.standard_normal(),
-    )
+    true = drawn(stated, random)
     tester = replace(TESTER, force_gain=1 / (1 + 1e-3 * random.standard_normal()), force_offset=0.3)
     held, wave = replace(SMALL.relaxation, depths=(0.1e-3, 0.2e-3)), SMALL.harmonic
     # noise of its own for every file of every session
@@ -161,20 +154,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--first", type=int, default=0)
     chosen = parser.parse_args()
-    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    found: dict[str, Scores] = defaultdict(lambda: defaultdict(list))
     for seed in range(chosen.first, chosen.first + chosen.seeds):
         with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             folder = Path(name)
             write_specimens(folder, seed)
             for kind, quantity, deviation in deviations(folder):
-                found[kind, quantity].append(deviation)
-    for (kind, quantity), z in sorted(found.items()):
-        inside = np.mean(np.abs(z) <= INSIDE)
-        sys.stdout.write(
-            f"| {kind} | {quantity} | {chosen.seeds} | {len(z)} | {inside:.3f} | {np.mean(z):+.2f} | "
-            f"{np.sqrt(np.mean(np.square(z))):.2f} |\n"
-        )
+                found[kind][quantity].append(deviation)
+    for kind, scores in sorted(found.items()):
+        sys.stdout.write("\n".join([*rows_of(kind, chosen.seeds, dict(sorted(scores.items()))), ""]))
 
 
 if __name__ == "__main__":

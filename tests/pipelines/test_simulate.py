@@ -7,14 +7,11 @@ from pathlib import Path
 import pytest
 
 from labpipe import files
-from pipelines.cli import main
+from tests.pipelines.command import run
 
 
-def run(capsys: pytest.CaptureFixture[str], line: str, *more: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main(["simulate", *shlex.split(line), *more])
-    shown = capsys.readouterr()
-    return int(left.value.code or 0), shown.out, shown.err
+def simulate(capsys: pytest.CaptureFixture[str], line: str, *more: str) -> tuple[int, str, str]:
+    return run(capsys, "simulate", *shlex.split(line), *more)
 
 
 def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
@@ -22,7 +19,7 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
 ) -> None:
     out = tmp_path / "drop.nc"
     plate = "--plate-mass '30 kg' --plate-frequency '180 Hz' --plate-damping 0.03"
-    code, text, _ = run(capsys, f"drop --duration '0.03 s' --rtol 1e-3 {plate} --out {out}")
+    code, text, _ = simulate(capsys, f"drop --duration '0.03 s' --rtol 1e-3 {plate} --out {out}")
     assert code == 0
     rows = {line[:34].strip(): line[34:].split() for line in text.splitlines()}
     assert rows["first peak force"][1] == "N"
@@ -39,7 +36,7 @@ def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
 ) -> None:
     out, picture = tmp_path / "indent.nc", tmp_path / "indent.svg"
     line = f"indent --cycles 1 --hold '1 s' --elements 128 --maps --out {out} --picture {picture} --json"
-    code, text, _ = run(capsys, line)
+    code, text, _ = simulate(capsys, line)
     document = json.loads(text)
     assert code == 0
     assert document["units"]["peak force"] == "N"
@@ -50,7 +47,7 @@ def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
 
 def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureFixture[str]) -> None:
     asked = "--temperature '39 degC' --vertical-shift 1.1 --adhesion '50 mJ/m2' --heating"
-    code, text, _ = run(capsys, f"drop --duration '0.03 s' --rtol 1e-3 {asked} --json")
+    code, text, _ = simulate(capsys, f"drop --duration '0.03 s' --rtol 1e-3 {asked} --json")
     assert code == 0
     document = json.loads(text)
     assert document["adhesion"] == document["self-heating"] == "negligible"
@@ -73,6 +70,6 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
 def test_bad_values_are_refused_with_the_reason(
     capsys: pytest.CaptureFixture[str], line: str, code: int, words: str
 ) -> None:
-    found, _, said = run(capsys, line)
+    found, _, said = simulate(capsys, line)
     assert found == code
     assert words in said

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from labpipe.contact._memory import Creep, condense
+from labpipe.contact._memory import Creep
 from labpipe.contact._springs import SpringBed
 from labpipe.contact._stepping import advance, look_ahead, weigh
 from labpipe.materials import Prony
@@ -32,16 +32,3 @@ def test_a_ramp_of_load_is_exact_at_any_step_length():
     creep_part = PMMA15.C * (t + PMMA15.tau * np.expm1(-t / PMMA15.tau))
     exact = PMMA15.instantaneous * times + creep_part.sum(axis=1)
     np.testing.assert_allclose(found[1:], exact[1:], rtol=1e-12)
-
-
-def test_condensed_terms_keep_the_creep_within_the_tolerance():
-    short, n_folded, n_frozen = condense(PMMA15, 1e-3, 0.5, 1e-6)
-    assert short.n_terms + n_folded + n_frozen == PMMA15.n_terms
-    assert n_folded >= 3
-    omega = np.pi / 1e-3
-
-    def complex_compliance(creep):
-        return creep.instantaneous + np.sum(creep.C / (1 + 1j * omega * creep.tau))
-
-    full = complex_compliance(PMMA15)
-    assert abs(complex_compliance(short) - full) < 1e-6 * abs(full)

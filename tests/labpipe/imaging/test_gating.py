@@ -9,7 +9,6 @@ import xarray as xr
 
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import contact_radius
-from labpipe.imaging.films._reading_plan import _read_around
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 from tests.labpipe.imaging.impact_film import score
 
@@ -94,13 +93,3 @@ def test_contacts_are_found_whatever_their_light_and_wherever_they_are(
     against = score(found, radii, radii, found.radius_systematic)
     assert (against.false, against.missed) == ([], [])
     assert np.abs(against.ratios).max() < 4.0
-
-
-def test_the_frames_beside_a_read_one_are_read_unless_they_rest_or_are_not_wanted() -> None:
-    read = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1, 0], bool)
-    resting = np.array([0, 0, 0, 0, 1, 1, 1, 0, 0, 0], bool)
-    wanted = np.array([1, 1, 1, 1, 1, 1, 1, 1, 1, 0], bool)
-    _read_around(read, resting, wanted)
-    # frame 4 rests, 9 is not wanted; 6 is read as the last one of its rest, before 7 which is
-    assert np.flatnonzero(read).tolist() == [2, 3, 7, 8]
-    assert np.flatnonzero(resting).tolist() == [4, 5, 6]

@@ -31,6 +31,15 @@ def test_modulus_times_compliance_is_one(acrylic_like):
         assert np.abs(solid.complex_modulus(OMEGA) * compliance - 1).max() < EXACT
 
 
+def test_weak_terms_come_back_from_the_creep_in_all_their_digits():
+    time = np.logspace(-10, 4, 43)
+    weight = 1e8 * np.exp(-0.5 * ((np.log10(time) + 3) / 4) ** 2)
+    weight[::3] *= 1e-10
+    back = Prony.from_creep(1e6, *Prony(1e6, weight, time).creep_terms())
+    np.testing.assert_allclose(back.E, weight, rtol=rounding(20 * 43**2))
+    np.testing.assert_allclose(back.rho, time, rtol=rounding(20 * 43))
+
+
 def test_maxwell_element_and_standard_linear_solid_are_as_printed_in_the_thesis():
     time, x = np.array([0.0, 0.1, 1.0, 7.0, 50.0]), np.array([0.01, 0.3, 1.0, 20.0])
     spring, dashpot, unrelaxed = 2e6, 6e6, 8e6

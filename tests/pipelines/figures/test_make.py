@@ -5,18 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.cli import main
 from pipelines.experiments import KINDS
 from pipelines.figures import FIGURES, make
+from tests.pipelines.command import run
 
 CHEAP = "1.2"
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main(list(arguments))
-    out, err = capsys.readouterr()
-    return int(left.value.code or 0), out, err
 
 
 def drawn(folder: Path, *names: str) -> dict[str, str]:

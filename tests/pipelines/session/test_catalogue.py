@@ -10,6 +10,7 @@ import pytest
 from labpipe.errors import SourceError, UsageError
 from pipelines.session import catalogue, process, result
 from pipelines.session._catalogue import CATALOGUE
+from tests.pipelines.sessions import replaced
 
 
 def query(database: Path, where: str = "", columns: Sequence[str] = (), *, table: str = "experiments") -> pd.DataFrame:
@@ -70,8 +71,7 @@ def test_only_what_changed_is_read_again(sessions: Path, tmp_path: Path) -> None
     first = catalogue([root])
     assert (first.unchanged, first.renewed) == (("2026/tuesday", "monday"), ())
     (root / "broken" / "session.toml").unlink()
-    text = (root / "monday" / "session.toml").read_text("utf-8")
-    (root / "monday" / "session.toml").write_text(text.replace("title = ", "title = 'x' #", 1))
+    replaced(root / "monday", "title = ", "title = 'x' #")
     shutil.rmtree(root / "2026")
     second = catalogue([root])
     assert second.renewed == ("monday",)

@@ -5,14 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.cli import main
 from pipelines.session import compare, open_session, result
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as left:
-        main(list(arguments))
-    return int(left.value.code or 0), capsys.readouterr().out
+from tests.pipelines.command import run
 
 
 def test_every_experiment_gives_its_curves_and_events(processed_session: Path) -> None:
@@ -32,7 +26,7 @@ def test_every_experiment_gives_its_curves_and_events(processed_session: Path) -
 def test_the_command_prints_one_document_and_writes_one_page(
     session_copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out = run(capsys, "compare", str(session_copy), "--jobs", "0", "--json")
+    code, out, _ = run(capsys, "compare", str(session_copy), "--jobs", "0", "--json")
     document = json.loads(out)
     assert code == 0
     assert {"experiment", "nrmse", "difference", "deviation", "n"} <= set(document["rows"][0])
@@ -50,6 +44,6 @@ def test_the_command_prints_one_document_and_writes_one_page(
     assert f"{sum(error < 0.03 for error in curves)} of {len(curves)}" in page
     assert "with an nRMSE below 3 %" in page
     assert ">µJ<" in page
-    _, text = run(capsys, "compare", str(session_copy), "--jobs", "0")
+    _, text, _ = run(capsys, "compare", str(session_copy), "--jobs", "0")
     assert "nRMSE" in text
     assert "restitution, impact 1" in text

@@ -12,16 +12,16 @@ import labpipe as lp
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.exclusions import Note
-from pipelines.cli import main
 from pipelines.experiments.shared.exclusions import EXCLUDED
 from pipelines.session import SETTINGS, open_session, with_note
+from tests.pipelines.command import run
+from tests.pipelines.sessions import replaced
 
 DROP = "[experiments.drop]\n"
 
 
 def excluding(folder: Path, *entries: str, head: str = DROP) -> Path:
-    path = folder / "session.toml"
-    path.write_text(path.read_text("utf-8").replace(head, f"{head}exclude = [{', '.join(entries)}]\n"), "utf-8")
+    replaced(folder, head, f"{head}exclude = [{', '.join(entries)}]\n")
     return folder
 
 
@@ -86,9 +86,8 @@ def test_a_note_is_appended_and_nothing_else_changes(session_copy: Path, capsys:
     path = session_copy / "session.toml"
     before = path.read_bytes().replace(b"\n", b"\r\n")
     path.write_bytes(before)
-    with pytest.raises(SystemExit):
-        main(["note", str(session_copy), "drop", "sphere <b>cleaned</b>", "--who", "Jo", "--json"])
-    assert json.loads(capsys.readouterr().out)["who"] == "Jo"
+    _, out, _ = run(capsys, "note", str(session_copy), "drop", "sphere <b>cleaned</b>", "--who", "Jo", "--json")
+    assert json.loads(out)["who"] == "Jo"
     lp.note(session_copy, "drop", "again")
     assert path.read_bytes().startswith(before)
     assert [note.text for note in open_session(session_copy).experiments["drop"].settings.notes] == [

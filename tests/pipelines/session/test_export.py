@@ -15,6 +15,7 @@ from labpipe.errors import InputError, UsageError
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.session import compare, export, result
 from pipelines.session._export_formats import csv_tables, tex_text
+from tests.pipelines.sessions import replaced
 
 
 def small() -> xr.Dataset:
@@ -79,8 +80,7 @@ def test_a_result_survives_every_format(processed_session: Path, tmp_path: Path,
 
 
 def test_results_that_are_not_up_to_date_are_left_out_and_named(session_copy: Path) -> None:
-    path = session_copy / "session.toml"
-    path.write_text(path.read_text("utf-8").replace('height = "1.5', 'height = "1.6'), "utf-8")
+    replaced(session_copy, 'height = "1.5', 'height = "1.6')
     done = export(session_copy, "json", only=["drop"])
     assert {p.name for p in done.paths} == {"drop.readings.laser_drop_1.json", "drop.readings.laser_drop_2.json"}
     assert any("drop/bounces" in line for line in done.left_out)

@@ -7,8 +7,8 @@ import pytest
 
 import labpipe as lp
 from labpipe.errors import ConfigError
-from pipelines.cli import main
 from pipelines.session import open_session
+from tests.pipelines.command import run
 
 LABORATORY = """labpipe = 1
 
@@ -58,9 +58,8 @@ def test_a_session_takes_spheres_records_and_patterns_from_the_laboratory_and_ma
     assert drop.lines["sphere.radius"] == 7  # where the session names the sphere
     assert dict(heavy.overrides) == {"sphere.mass": ("505 ± 0.5 g", "506 ± 0.5 g")}
     assert lp.process(folder, "displacement", jobs=0).failures == ()
-    with pytest.raises(SystemExit):
-        main(["plan", str(folder), "--to", "displacement"])
-    assert "laboratory.toml has sphere.mass = 505 ± 0.5 g, the session 506 ± 0.5 g" in capsys.readouterr().out
+    _, out, _ = run(capsys, "plan", str(folder), "--to", "displacement")
+    assert "laboratory.toml has sphere.mass = 505 ± 0.5 g, the session 506 ± 0.5 g" in out
 
 
 @pytest.mark.parametrize(

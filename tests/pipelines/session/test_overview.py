@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.cli import main
 from pipelines.session import PAGE, STAGES, open_session, write_overview
+from tests.pipelines.command import run
 from tests.pipelines.sessions import replaced
 
 
@@ -40,19 +40,14 @@ def test_a_file_that_no_experiment_uses_is_a_note_of_the_session(
 ) -> None:
     """Told by process, in its JSON and on the page; the exit code stays."""
     (session_copy / "laser/forgotten.csv").write_bytes((session_copy / "laser/drop_2.csv").read_bytes())
-    assert _processed(session_copy, "--json") == 0
-    (note,) = json.loads(capsys.readouterr().out)["findings"]
+    code, out, _ = run(capsys, "process", str(session_copy), "--json")
+    (note,) = json.loads(out)["findings"]
+    assert code == 0
     assert (note["level"], note["file"]) == ("note", "laser/forgotten.csv")
     assert "same bytes as laser/drop_2.csv" in note["cause"]
-    assert _processed(session_copy) == 0
-    assert "note: no experiment uses laser/forgotten.csv" in capsys.readouterr().out
+    code, out, _ = run(capsys, "process", str(session_copy))
+    assert (code, "note: no experiment uses laser/forgotten.csv" in out) == (0, True)
     assert "No experiment uses laser/forgotten.csv" in page(session_copy)
     (session_copy / "laser/forgotten.csv").unlink()
-    assert _processed(session_copy) == 0
+    assert run(capsys, "process", str(session_copy))[0] == 0
     assert "forgotten" not in page(session_copy)
-
-
-def _processed(folder: Path, *options: str) -> object:
-    with pytest.raises(SystemExit) as ended:
-        main(["process", str(folder), *options])
-    return ended.value.code

@@ -14,7 +14,7 @@ import xarray as xr
 import labpipe as lp
 from labpipe import files
 from labpipe.errors import ConfigError, StoreError
-from pipelines.cli import main
+from tests.pipelines.command import run
 
 CREATOR = '\n[[creators]]\nname = "Josiah Carberry"\norcid = "0000-0002-1825-0097"\naffiliation = "Brown University"\n'
 ROOT = Path(lp.__file__).parents[1]
@@ -92,10 +92,9 @@ def test_a_changed_file_and_a_changed_number_are_found(
         lp.verify(copied)
     kept = [line for line in sums.read_text("utf-8").splitlines() if not line.endswith("  methods.md")]
     sums.write_text("\n".join(kept).replace(before, files.digest(path)) + "\n", "utf-8")
-    with pytest.raises(SystemExit) as ended:
-        main(["verify", str(copied), "--jobs", "0", "--json"])
-    assert ended.value.code == 1
-    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["results"]}
+    code, out, _ = run(capsys, "verify", str(copied), "--jobs", "0", "--json")
+    assert code == 1
+    rows = {row["name"]: row for row in json.loads(out)["results"]}
     assert rows["drop.repeats.nc"]["differs"] == ["restitution"]
     assert rows["drop.repeats.nc"]["deviation"] == pytest.approx(1e-3, rel=0.2)
     # all others come out again from the raw files

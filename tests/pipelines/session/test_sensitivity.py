@@ -8,10 +8,10 @@ import pytest
 
 from labpipe.uncertainty import Input
 from pipelines import session as verbs
-from pipelines.cli import main
 from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.session import sensitivity
 from pipelines.session._sensitivity import answer, examined
+from tests.pipelines.command import run
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +57,9 @@ def test_command_writes_a_page_per_kind_though_another_recording_is_lost(
     session_copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (session_copy / "laser/drop_2.csv").unlink()
-    with pytest.raises(SystemExit) as left:
-        main(["sensitivity", str(session_copy), "harmonic", "--json"])
-    assert left.value.code == 0
-    document = json.loads(capsys.readouterr().out)
+    code, out, _ = run(capsys, "sensitivity", str(session_copy), "harmonic", "--json")
+    document = json.loads(out)
+    assert code == 0
     assert [Path(p).name for p in document["pages"]] == ["sensitivity_harmonic.html"]
     page = (session_copy / "labpipe/sensitivity_harmonic.html").read_text(encoding="utf-8")
     assert "limiting inputs, mean share of the variance" in page

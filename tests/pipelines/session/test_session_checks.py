@@ -3,22 +3,21 @@
 from pathlib import Path
 
 from labpipe import files
-from pipelines.rig.session_text import drop_section, laser_record, session_head
+from pipelines.rig.session_text import drop_section, laser_record
 from pipelines.session import open_session
 from pipelines.session._session_checks import session_findings, stated_as_exact, unusual_values
+from tests.pipelines.sessions import begun
 
 
 def findings(folder: Path, height: str) -> list[tuple[str, str, str]]:
     """Return experiment, check and setting of what is found in two drops, of which the second states a height."""
-    text = session_head("Two drops (synthetic)")
+    text = ""
     for number in range(2):
         plate = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
         files.write_text(folder / f"laser/{number}.csv", f"reading of drop {number}")
         text += drop_section(f"drop_{number}", [f"laser/{number}.csv"], 1.5e-3, "acrylic", plate)
-    files.write_text(folder / "calibration/laser.toml", laser_record())
     head, _, last = text.rpartition('"1.5 ± 0.005 mm"')
-    files.write_text(folder / "session.toml", f'{head}"{height}"{last}')
-    found = session_findings(open_session(folder))
+    found = session_findings(open_session(begun(folder, f'{head}"{height}"{last}', laser=laser_record())))
     return [(name, f.check, f.setting) for name, some in found.items() for f in some]
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from labpipe.errors import InputError, UsageError
-from pipelines.cli import main
 from pipelines.session import beside, process
+from tests.pipelines.command import run
 
 
 @pytest.fixture
@@ -39,10 +39,8 @@ def test_two_experiments_stand_side_by_side_and_the_index_leads_there(
     index = (twins / "labpipe/index.html").read_text("utf-8")
     assert 'href="beside-drop--twin.html"' in index
     assert "side by side: drop and twin" in index
-    with pytest.raises(SystemExit) as left:
-        main(["compare", str(twins), "--beside", "twin", "nbr"])
-    assert not left.value.code
-    assert "beside-twin--nbr.html" in capsys.readouterr().out
+    code, out, _ = run(capsys, "compare", str(twins), "--beside", "twin", "nbr")
+    assert (code, "beside-twin--nbr.html" in out) == (0, True)
     assert "No quantity is measured in both" in (twins / "labpipe/beside-twin--nbr.html").read_text("utf-8")
 
 

@@ -1,40 +1,29 @@
 """Mistakes with rheometer exports are named; clean exports and strange polymers are believed."""
 
-import msgspec
-import numpy as np
+from dataclasses import replace
+
 import pytest
 
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma import checks, measured
-from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.solids import SOLIDS
+from tests.pipelines.sweeps import FEW, settings_for
 
-SMALL = Protocol(
-    temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
-    frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
-    ramp=(0.0, 5.0),
-)
+SMALL = replace(FEW, ramp=(0.0, 5.0))
 CONTEXT = Context("x", "dma", "", "", "", True)
 
 
-def settings_for(name, count=1, **changes):
-    solid = SOLIDS[name]
-    table = Dma(
-        kind="dma",
-        rheometer=[f"dma/{i}.csv" for i in range(count)],
-        mode=solid.mode,
-        nu=Quantity(solid.nu, 0.0, "1"),
-        T_ref=Quantity(min(solid.T_ref, 40.0), 0.0, "degC"),  # within these few sweeps
-    )
-    return msgspec.structs.replace(table, **changes)
+def stated(name, count=1, **changes):
+    T_ref = Quantity(min(SOLIDS[name].T_ref, 40.0), 0.0, "degC")  # within these few sweeps
+    return settings_for(name, *(f"dma/{i}.csv" for i in range(count)), T_ref=T_ref, **changes)
 
 
 def written(folder, name, seed=3):
     export = write_dma(folder, name, SOLIDS[name], SMALL, seed)
-    return measured.readings(folder / export, settings=settings_for(name))
+    return measured.readings(folder / export, settings=stated(name))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +38,7 @@ def acrylic(exports):
 
 
 def judged(datasets, name="acrylic", curve=None, **changes):
-    settings = settings_for(name, len(datasets), **changes)
+    settings = stated(name, len(datasets), **changes)
     return believed(checks.judgement(datasets, None, curve, settings=settings, context=CONTEXT))
 
 
@@ -80,7 +69,7 @@ def test_exchanged_columns_are_named_from_the_loss_factor_and_from_causality(acr
 @pytest.mark.parametrize(("name", "interval"), [("acrylic", 3), ("acrylic", 9), ("ptfe", 3), ("ptfe", 9), ("nbr", 3)])
 def test_an_interval_that_is_30_kelvin_too_high_is_named(tmp_path, name, interval):
     export = write_dma(tmp_path, name, SOLIDS[name], Protocol(), 3)
-    data = measured.readings(tmp_path / export, settings=settings_for(name))
+    data = measured.readings(tmp_path / export, settings=stated(name))
     data["temperature"].values[11 * interval - 11 : 11 * interval] += 30.0
     found = finding(judged([data], name), "order with temperature")
     assert found.level in ("impossible", "doubtful")

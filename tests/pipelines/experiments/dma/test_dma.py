@@ -4,7 +4,6 @@ import json
 import warnings
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 import xarray as xr
@@ -15,32 +14,19 @@ from labpipe.materials import Prony, gather_sweeps
 from labpipe.schema import check
 from labpipe.units import Quantity
 from pipelines.experiments.dma import glass_transition, measured as dma, model
-from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
+from pipelines.experiments.dma.settings import Dimensions, Fit, Specimen
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.session_text import dma_section
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import SCHEMAS
 from tests.pipelines.sessions import begun, page_of, processed, replaced, truth
-
-SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
-
-
-def settings_for(name: str, **changes: object) -> Dma:
-    solid = SOLIDS[name]
-    table = Dma(
-        kind="dma",
-        rheometer=["x.csv"],
-        mode=solid.mode,
-        nu=Quantity(solid.nu, 0.0, "1"),
-        T_ref=Quantity(solid.T_ref, 0.0, "degC"),
-    )
-    return msgspec.structs.replace(table, **changes)
+from tests.pipelines.sweeps import FEW, settings_for
 
 
 @pytest.fixture(scope="module")
 def ptfe(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ptfe")
-    export = write_dma(folder, "ptfe", SOLIDS["ptfe"], SMALL, 3)
+    export = write_dma(folder, "ptfe", SOLIDS["ptfe"], FEW, 3)
     return dma.readings(folder / export, settings=settings_for("ptfe")), truth(folder, "ptfe")
 
 
@@ -189,7 +175,7 @@ def test_a_wrong_dimension_is_corrected_and_its_uncertainty_is_that_of_all_modul
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     solid = SOLIDS["ptfe"]
-    export = write_dma(tmp_path, "ptfe", solid, SMALL, 3)
+    export = write_dma(tmp_path, "ptfe", solid, FEW, 3)
     return begun(tmp_path, dma_section("ptfe", export, solid))
 
 

@@ -11,12 +11,13 @@ from labpipe.materials import Prony
 from labpipe.units import Quantity
 from pipelines.experiments.dma.measured import gathered, readings
 from pipelines.experiments.dma.model import master_curve
-from pipelines.experiments.dma.settings import Dma, Fit
+from pipelines.experiments.dma.settings import Fit
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import CAMPAIGN, Protocol, write_dma
 from pipelines.rig.solids import ROOM, SOLIDS
+from tests.pipelines.sweeps import settings_for
 
 CHOICE = MaterialChoice(material_from="dma", temperature=Quantity(ROOM, 0.0, "degC"))
 IMPACT = (1e-4, 1e-2)  # s
@@ -26,19 +27,9 @@ def measured(folder: Path, name: str, seed: int, protocol: Protocol = CAMPAIGN) 
     """The master curve of one export of the rig."""
     solid = SOLIDS[name]
     export = write_dma(folder, f"{name}_{seed}", solid, protocol, seed)
-    settings = Dma(
-        kind="dma",
-        rheometer=[export],
-        mode=solid.mode,
-        nu=Quantity(solid.nu, 0.0, "1"),
-        T_ref=Quantity(solid.T_ref, 0.0, "degC"),
-        scale=Quantity(1.0, protocol.u_scale, "1"),
-        fit=Fit(
-            law="arrhenius" if name == "peek" else "free",
-            delay="on",
-            vertical="rho_T" if solid.is_entropic else "linear",
-        ),
-    )
+    law, vertical = "arrhenius" if name == "peek" else "free", "rho_T" if solid.is_entropic else "linear"
+    scale, fit = Quantity(1.0, protocol.u_scale, "1"), Fit(law=law, delay="on", vertical=vertical)
+    settings = settings_for(name, export, scale=scale, fit=fit)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return master_curve(
