@@ -179,7 +179,8 @@ def exposure_stated(found: xr.Dataset, film: str, exposure: Quantity | None) -> 
     # a shutter that was open for longer is right where a flash lit the frames; nothing is longer than an interval
     interval = float(np.diff(found["time"].values).min()) if "time" in found else np.inf
     limit, what = (own, "the shutter was open for") if own else (interval, "a frame each")
-    is_longer = exposure.value - limit > DOUBTFUL * (exposure.u or usual_uncertainty(exposure))
+    own_u = exposure.u or usual_uncertainty(exposure)
+    is_longer = exposure.value - limit > min(DOUBTFUL * own_u, (LONGER - 1.0) * limit)
     text = (
         f"{film}: {what} {quantity(limit, 's')}; session.toml says exposure = {quantity(exposure.value, 's')}, which "
         "is used"
