@@ -109,7 +109,7 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         usual = min((log(k) for k in cause.usual), key=lambda place: abs(place - best), default=inf)
         # what can be no other factor is that one, as far as the checks tell
         is_usual = abs(usual - best) <= 2 * hypot(cause.slack, cause.only_usual / sqrt(weight))
-        if cause.only_usual and not is_usual:
+        if not is_usual and (cause.only_usual or abs(best) > log(1e3)):  # farther off are units alone
             continue
         place = usual if is_usual else best
         # held against the same uncertainties, or a usual factor would explain by its slack alone

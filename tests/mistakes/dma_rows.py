@@ -55,6 +55,18 @@ def _clamped_anew(cells: list[str], i: int, p: int) -> list[str]:
     return cells
 
 
+def _pasted() -> Change:
+    """Put the values of the fifth sweep into the sixth as well."""
+    kept = dict[int, list[str]]()
+
+    def pasted(cells: list[str], i: int, p: int) -> list[str]:
+        if i == 4:
+            kept[p] = cells[STORAGE:]
+        return [*cells[:STORAGE], *kept[p]] if i == 5 else cells
+
+    return pasted
+
+
 def _rewritten(change: Callable[[str], str], name: str = FIRST) -> Edit:
     def edit(folder: Path) -> None:
         text = (folder / name).read_text(_CODE)
@@ -173,5 +185,6 @@ ROWS = (
 
 TEMPERATURE_ROWS = (
     Mistake("clamped anew", _rows(_clamped_anew), "doubtful", ("interval 6", "factor 1.1"), FIRST),
+    Mistake("one sweep pasted over another", _rows(_pasted()), "doubtful", ("hold the same moduli",), FIRST),
     Mistake("label 10 K too low", _scaled(T, 1.0, -10.0, 5), "doubtful", ("interval 6", "not 0.2 °C"), FIRST),
 )

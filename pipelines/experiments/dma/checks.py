@@ -449,6 +449,11 @@ def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: f
 
     Their own scatter about one course says how well it is known; the uncertainties of a fit with a wrong label do not.
     """
+    for one, other in combinations(sweeps, 2):
+        if all(np.array_equal(one[name], other[name]) for name in ("storage_modulus", "loss_modulus")):
+            text = f"{one.attrs['place']} and {other.attrs['place']} hold the same moduli"
+            cause = "the values of one of these two sweeps were copied over those of the other: export them again"
+            return Check(_LABEL, text, "doubtful", cause=cause, file=one.attrs["file"])
     if curve is None or curve.sizes.get("temperature", 0) < 2 * _FEWEST or not sweeps:
         return not_made(_LABEL, f"shifts of {2 * _FEWEST} temperatures")
 

@@ -81,6 +81,7 @@ def test_a_clean_record_is_believed_and_what_no_factor_explains_has_no_cause():
     assert judged.n_made == 2
     checks = [*drop_checks(interval=0.5), compared("third", "", 5.0, 0.01, 1.0, 0.01)]
     assert not explain(checks, CAUSES[:1])
+    assert not explain(drop_checks(height=5e3), [Cause({"fall": -1.0}, str)])  # beyond 1000 only units are wrong
 
 
 def test_false_alarms_are_as_rare_as_the_levels_say():
