@@ -256,6 +256,9 @@ def _response(blocks: Sequence[Part]) -> Check:
         right = next(one for one in following if one[1] > 0.0)
         text += f", {quantity(right[1], 'N/m')} in block {right[0].number + 1}"
         cause = f"the sign of the force is reversed in block {part.number + 1} (its column, line {part.header_line})"
+        if abs(k) < 0.5 * right[1]:  # a mirrored force would follow as far
+            cause = f"the force lags by over a quarter period in block {part.number + 1}: filter or delay of the cell"
+            cause += " are not those of its record"
     return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
 
 
