@@ -241,7 +241,7 @@ def _single_values(export: Export) -> Check:
         if values.size < 4 or not (values > 0).all():
             continue
         y = np.log10(values)
-        # of scipy.ndimage, as of 1.15, a median over short arrays writes beyond them
+        # median_filter of SciPy 1.15.0 writes beyond short arrays (https://github.com/scipy/scipy/issues/22250)
         gap = y - np.median(np.lib.stride_tricks.sliding_window_view(np.pad(y, 2, mode="reflect"), 5), axis=1)
         at = int(np.argmax(np.abs(gap)))
         # nearer to a lost decimal point than to its neighbours; a steep end of a sweep is no outlier
