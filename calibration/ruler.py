@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.signals import deviation
 from labpipe.units import Quantity
 
 _FEWEST_LINES = 4  # a pitch with an honest uncertainty needs a few lines
@@ -81,8 +82,7 @@ def _lines(profile: Floats) -> Floats:
 
     smooth = ndimage.gaussian_filter1d(profile, 1.0)
     flat = smooth - ndimage.percentile_filter(smooth, 50, size=max(31, profile.size // 8))
-    noise = 1.4826 * np.median(np.abs(np.diff(profile))) / np.sqrt(2)
-    strongest = float(np.percentile(flat, 99.5))
+    noise, strongest = deviation(np.diff(profile)) / np.sqrt(2), float(np.percentile(flat, 99.5))
     peaks, _ = find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
     if len(peaks) < _FEWEST_LINES:
         raise InputError(

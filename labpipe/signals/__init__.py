@@ -17,7 +17,11 @@ if TYPE_CHECKING:
         hysteresis_loops as hysteresis_loops,
     )
     from labpipe.signals._metrics import independent_count as independent_count, nrmse as nrmse
-    from labpipe.signals._noise import estimate_noise as estimate_noise, quantisation_step as quantisation_step
+    from labpipe.signals._noise import (
+        deviation as deviation,
+        estimate_noise as estimate_noise,
+        quantisation_step as quantisation_step,
+    )
     from labpipe.signals._oscillation import (
         CommonFit as CommonFit,
         Oscillation as Oscillation,

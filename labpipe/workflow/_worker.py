@@ -170,8 +170,9 @@ class Job:
         result, caught = self._call(task, key)
         if is_page:
             files.write_text(page, result)
-        is_on_failures = any(name in self.failures for name in lineage(self.plan.tasks, task.id))
-        if (is_on_failures or key.value is None) and (is_page or stage.context):  # made again in every run
+        if (self._rests_on_failures(task.id) or key.value is None) and (
+            is_page or stage.context
+        ):  # made again in every run
             self.passed[task.id] = result
             return None
         work = {}
@@ -184,6 +185,10 @@ class Job:
         record = store.write(key.ingredients, result, warnings=caught, work=work)
         store.note_latest(task.id.experiment, {task.id: Last(record.key)})
         return record.key
+
+    def _rests_on_failures(self, name: TaskId) -> bool:
+        """Whether a task, or one behind it, has failed."""
+        return any(behind in self.failures for behind in lineage(self.plan.tasks, name))
 
     # --- one call ---
 
@@ -233,8 +238,7 @@ class Job:
         if result is not None or value is None or slot in self.failures:
             return result
         # what rests on failures is not kept
-        is_kept = not any(name in self.failures for name in lineage(self.plan.tasks, slot))
-        if is_kept or self.store.record(value) is not None:
+        if not self._rests_on_failures(slot) or self.store.record(value) is not None:
             result = self.store.read(value)
             if task.stage.output == "dataset" and not isinstance(result, str):
                 for attribute in _OURS:

@@ -70,12 +70,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     )
     of_traces, checks = record_checks.of_recordings(read, moved, bounced, settings, context, _FAILED)
     checks += [*of_traces, fall_checks.body_stated(sphere.radius.value, sphere.mass.value)]
-    checks += [
-        c
-        for name, one in read.items()
-        if one is not None and bounced[name] is None
-        for c in _other(name, one, settings)
-    ]
+    lacking = [(name, one) for name, one in read.items() if one is not None and bounced[name] is None]
+    checks += [check for name, one in lacking for check in _other(name, one, settings)]
     records = [
         (Fall(name, found, float(one.attrs["u_systematic_relative"])), one)
         for name, one in moved.items()
@@ -144,10 +140,8 @@ def _other(file: str, readings: xr.Dataset, settings: BallDrop) -> Iterator[Chec
                 height, g = fall.value("drop_height")[0], fall.value("fall_acceleration")[0]
                 text = f"{file}: no drop in {own}, but {output} holds one from {quantity(height, 'm')} with "
                 text += f"{quantity(g, 'm/s2')} along the line of sight"
-                cause = (
-                    f"{own} of this file is another signal: the drop is in {output}; export that output alone, or give "
-                )
-                cause += f'sensor.output = "{output}" where all recordings have it'
+                cause = f"{own} of this file is another signal: the drop is in {output}; export that output alone, or "
+                cause += f'give sensor.output = "{output}" where all recordings have it'
                 yield Check("readings", text, "impossible", cause=cause, file=file, recording=file)
 
 
@@ -162,10 +156,9 @@ def _repeats(falls: Sequence[Fall]) -> list[Check]:
             count = min(own.size, whole.size - 1)
             apart = [float(np.abs(whole[k : k + count - 1] - own[1:count]).sum()) for k in (1, 2)] if count > 2 else []
             if file != other and apart and 4 * apart[1] < apart[0]:
-                cause = (
-                    f"a flight is missing in {file}: its speeds from impact 2 on are those of {other} from impact 3 "
-                )
-                return [of_height, replace(of_bounce, file=file, cause=f"{cause}on; rows were lost after impact 1")]
+                cause = f"a flight is missing in {file}: its speeds from impact 2 on are those of {other} from impact "
+                cause += "3 on; rows were lost after impact 1"
+                return [of_height, replace(of_bounce, file=file, cause=cause)]
     later = [float(fall.values("restitution")[1]) for fall in falls if fall.values("restitution").size > 1]
     first = np.ptp([fall.value("restitution")[0] for fall in falls])
     cause = "it falls as far as the others, but is another body, or at another temperature: the file is of another drop"
@@ -202,16 +195,16 @@ def _first_contact(settings: BallDrop, model: xr.Dataset | None) -> tuple[float,
     """
     if model is not None and model.sizes["impact"]:
         return float(model["contact_duration"][0]), float(model["impact_speed"][0])
-    try:
-        solid = None if settings.sphere.material is None else load(settings.sphere.material)
-    except LabpipeError:
-        solid = None
-    if solid is None:
+    sphere = settings.sphere
+    if sphere.material is None:
         return None
-    mass, radius, _ = (each.value for each in (settings.sphere.mass, settings.sphere.radius, settings.height))
+    try:
+        solid = load(sphere.material)
+    except LabpipeError:
+        return None
     modulus = float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2)
     v = sqrt(2.0 * settings.model.gravity.value * settings.height.value)
-    return 2.868 * (mass**2 / (radius * modulus**2 * v)) ** 0.2, v
+    return 2.868 * (sphere.mass.value**2 / (sphere.radius.value * modulus**2 * v)) ** 0.2, v
 
 
 def _causes(

@@ -137,7 +137,7 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
         seen, u = (float(repeats[f"{u}fall_acceleration"]) for u in ("", "u_"))
         title, gravity = "acceleration of the free fall", settings.model.gravity
         yield row(title, "m/s2", n, slopes={SCALE: seen}, measured=(seen, u), model=tuple(gravity[:2]))
-    count = min(IMPACTS, comparison.sizes["impact"])
+    count, known = min(IMPACTS, comparison.sizes["impact"]), foreseen(model)
     shown = [(f"{RESTITUTION}{i + 1}", "restitution", "restitution", i) for i in range(count)]
     shown += [(f"{DURATION}{i + 1}", "contact_duration", "contact_duration", i) for i in range(count)]
     if count:
@@ -146,7 +146,7 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
     for title, ours, theirs, i in shown:
         unit = str(repeats.variables[ours].attrs["units"])
         measured, u_measured = with_its_u(repeats, ours, i)
-        is_foreseen = theirs != "restitution" or i < foreseen(model)  # which goes with the plate's speed
+        is_foreseen = theirs != "restitution" or i < known  # which goes with the plate's speed
         expected, u_expected = with_its_u(model, theirs, i)
         u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[i])
         if np.isfinite(seen):

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from math import inf, log, log10, pi, sqrt
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from labpipe.arrays import Floats
 from labpipe.judging import DOUBTFUL, Check, Level, bounded, doubtful_among, in_words, not_made
 from labpipe.materials import isothermal_runs, loading_of, modulus_factor, trusted_rows
 from labpipe.report import quantity
+from labpipe.signals import deviation
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma.measured import ramps_of
 from pipelines.experiments.dma.settings import Dma
@@ -402,21 +402,18 @@ def _clamped(export: Export) -> Check:
         here = float(sweep.attrs["temperature"])
         if not (x[0] < 1.01 * at and at < 1.01 * x[-1] and T[0] < here < T[-1]):
             continue
-        sizes = [
+        of_ramp, of_sweep = (
             np.log(np.hypot(one["storage_modulus"].values, one["loss_modulus"].values)) for one in (ascending, sweep)
-        ]
-        expected, curve = (
-            np.interp(here + np.array([-strays, 0.0, strays]), T, sizes[0]),
-            PchipInterpolator(T, sizes[0]),
         )
-        u = np.hypot(np.abs(expected - expected[1]).max(), expected[1] - curve(here))
-        pairs.append(
-            (float(np.interp(log(at), np.log(x), sizes[1]) - curve(here)), float(u), str(sweep.attrs["place"]))
-        )
+        expected = float(PchipInterpolator(T, of_ramp)(here))
+        low, middle, high = np.interp(here + np.array([-strays, 0.0, strays]), T, of_ramp)
+        u = np.hypot(max(abs(low - middle), abs(high - middle)), middle - expected)
+        apart = float(np.interp(log(at), np.log(x), of_sweep)) - expected
+        pairs.append((apart, float(u), str(sweep.attrs["place"])))
     if len(pairs) < 2 * _FEWEST:
         return not_made(_CLAMP, f"{2 * _FEWEST} sweeps within a temperature sweep of the same file")
     d, u = np.array([pair[:2] for pair in pairs]).T
-    noise = float(np.median(np.abs(np.diff(d)))) / (NormalDist().inv_cdf(0.75) * sqrt(2.0))
+    noise = deviation(np.diff(d)) / sqrt(2.0)
     weight = 1.0 / (u**2 + max(noise, 0.1 * _DRIFT) ** 2)
 
     def mean(part: slice) -> tuple[float, float]:
@@ -428,17 +425,14 @@ def _clamped(export: Export) -> Check:
     (after, u_after), (before, u_before) = steps[k]
     margin = (after - before) / float(np.hypot(u_after, u_before))
     if abs(margin) > doubtful_among(len(splits)) and abs(after - before) > 4 * _DRIFT * log(10.0):
-        text = (
-            f"{pairs[k][2]}: from here on moduli are {in_words(np.exp(after))} times those of the temperature sweep at "
-        )
-        text += f"equal temperature and frequency, before it {in_words(np.exp(before))} times"
+        text = f"{pairs[k][2]}: from here on moduli are {in_words(np.exp(after))} times those of the temperature sweep "
+        text += f"at equal temperature and frequency, before it {in_words(np.exp(before))} times"
         cause = f"the specimen slipped or was clamped anew before {pairs[k][2]}: moduli differ by a factor "
         cause += f"{in_words(np.exp(after - before))} from there on"
         return export.seen(_CLAMP, text, "doubtful", cause)
     offset, u_offset = mean(slice(None))
-    text = (
-        f"{export.name}: moduli of frequency sweeps are {in_words(np.exp(offset))} times those of the temperature sweep"
-    )
+    text = f"{export.name}: moduli of frequency sweeps are {in_words(np.exp(offset))} times those of the temperature "
+    text += "sweep"
     is_off = abs(offset) > max(DOUBTFUL * u_offset, 4 * _DRIFT * log(10.0))
     cause = "specimen, clamping or strain changed between temperature sweep and frequency sweeps"
     return export.seen(_CLAMP, text, "doubtful" if is_off else None, cause)
@@ -474,14 +468,11 @@ def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: f
         # without the sweep whose temperature is wrong the others lie on a smooth course, its neighbours as well
         rest = np.abs(implied(np.delete(known, i, axis=1)))
         near = np.sqrt(np.mean(rest[max(i - 2, 0) : i + 2] ** 2))
-        scatter = max(float(np.median(rest)) / NormalDist().inv_cdf(0.75), float(near))
-        found.append((abs(off) / (DOUBTFUL * scatter + strays), off, i))
+        found.append((abs(off) / (DOUBTFUL * max(deviation(rest), float(near)) + strays), off, i))
     worst, off, i = max(found)
     T = float(known[0, i])
     if worst <= 1.0:
-        return Check(
-            _LABEL, f"{worst:.2f} shifts of {len(found)} sweeps follow one course, the farthest off by {abs(off):.1f} K"
-        )
+        return Check(_LABEL, f"shifts of {len(found)} sweeps follow one course, the farthest off by {abs(off):.1f} K")
     sweep = min(sweeps, key=lambda one: abs(float(one.attrs["temperature"]) - T))
     place, same = str(sweep.attrs["place"]), np.abs(np.delete(known[0], i) - T) <= strays
     text = f"{place}: its shift lies on the course of the others at {T + off:.0f} °C"

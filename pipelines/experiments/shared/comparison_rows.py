@@ -62,6 +62,14 @@ class Row:
         return self.nrmse is not None
 
     @property
+    def p_alone(self) -> float | None:
+        """Probability of a curve that decides alone whether a model differs, None of others.
+
+        Along an impact whose moment the model predicts, uncertainties are not propagated linearly.
+        """
+        return self.p_of_curve if self.is_curve and "impact" not in self.quantity else None
+
+    @property
     def deviation(self) -> float | None:
         """Difference in units of its standard uncertainty."""
         if self.is_curve or self.difference is None or not self.u_difference:

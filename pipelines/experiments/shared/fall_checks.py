@@ -34,7 +34,8 @@ OF_FALL: Titles = {
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
 _NOT_FREE = "the body did not fly freely (a guide that rubs, a thread, a hand), or bench or sensor moved"
 _MOVED = "the body was touched or lifted, or another drop follows in the record"
-_GUIDE = 5e-3  # largest share of g that the friction of a guide or the drag of the air takes from a fall
+GUIDE = 5e-3
+"""Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
 CLOCK = 1e-4
 """Relative uncertainty of a sampling interval or frame rate as manufacturers state it."""
 SWING = 0.07
@@ -76,7 +77,7 @@ def acceleration(fall: Fall, gravity: Quantity) -> Check:
     against = f", {in_words(ratio)} times" if abs(ratio - 1) > 0.05 else " for"
     text = f"{fall.name}: g comes out as {shown(seen, u, 'm/s2')}{against} {gravity.value:.4g} m/s²"
     place: dict[str, Any] = {"file": fall.name, "otherwise": _NOT_FREE}
-    return compared(G, text, seen, u, *gravity[:2], allowance=_GUIDE * gravity.value, **place)
+    return compared(G, text, seen, u, *gravity[:2], allowance=GUIDE * gravity.value, **place)
 
 
 def height(fall: Fall, given: Quantity) -> Check:

@@ -16,6 +16,7 @@ from labpipe.errors import EXCHANGED
 from labpipe.frames import FrameSource, IncompleteFilmWarning
 from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, Level, doubtful_among, in_words, not_made
 from labpipe.report import quantity
+from labpipe.signals import deviation
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.exact_values import usual_uncertainty
@@ -112,7 +113,7 @@ def exchanged(
     if not known.size:
         return None
     y, bends = y[known], _bends(y[known], np.arange(known.size))
-    out = bends > doubtful_among(known.size) * max(noise, 1.4826 * float(np.median(bends)))
+    out = bends > doubtful_among(known.size) * max(noise, deviation(bends))
     if time is not None and known.size > 4:  # the two steps on either side of a frame are as long as each other
         steps = np.pad(np.diff(time[known]), 2, mode="edge")
         around = np.lib.stride_tricks.sliding_window_view(steps, 4)

@@ -16,12 +16,11 @@ from labpipe.arrays import Floats
 from labpipe.judging import DOUBTFUL, Check, compared, doubtful_among, in_words, not_made
 from labpipe.report import quantity, value_with_uncertainty as shown
 from labpipe.signals import Hum
-from pipelines.experiments.shared.fall_checks import Fall, G
+from pipelines.experiments.shared.fall_checks import GUIDE, Fall, G
 
 COURSE, EACH = "course at rest and in flight", f"{G} of each flight"
 _MARGIN = 0.02  # of a stretch at either end, where a contact or the release may still act
 _SHORTEST, _FEWEST = 4, 8  # readings in a mean, and means in a stretch
-_FREE = 5e-3  # share of g that drag takes from a flight, as from the fall
 _AT_REST, _CONTACTS = "at rest", 4  # contacts without motion after which a body is
 _MOSTLY = 0.8  # share of a deviation that one shape explains
 _SCANNED = 200  # frequencies
@@ -51,14 +50,8 @@ class _Stretch:
         left = height - basis @ inner
         if degree < 2:
             return cls(name, time, basis, left, None)
-        scatter = max(noise, float(np.sqrt(left @ left / max(time.size - 3, 1))))
-        return cls(
-            name,
-            time,
-            basis,
-            left,
-            (-2 * float(inner[2] / upper[2, 2]) / half**2, 2 * scatter / abs(float(upper[2, 2])) / half**2),
-        )
+        scatter, bend = max(noise, float(np.sqrt(left @ left / max(time.size - 3, 1)))), float(upper[2, 2]) * half**2
+        return cls(name, time, basis, left, (-2.0 * float(inner[2]) / bend, 2.0 * scatter / abs(bend)))
 
     def waves(self, frequency: float) -> Floats:
         """Return cosine and sine of a frequency [Hz], less their part in the polynomial."""
@@ -69,12 +62,12 @@ class _Stretch:
 
 def of_flights(fall: Fall, moved: xr.Dataset) -> list[Check]:
     """Compare the course of every flight and of the body at rest with noise, and the flights with one another."""
-    noise, swing = float(fall.bounces.attrs["noise"]), _window(fall, moved["time"].values)[1]
-    course = _course(fall, known := _stretches(fall, moved), noise, swing)
+    size, swing = _window(fall, moved["time"].values)
+    course = _course(fall, known := _stretches(fall, moved, size, swing), swing)
     return [course, not_made(EACH, "flights that are parabolas") if course.level else _acceleration(fall, known)]
 
 
-def _stretches(fall: Fall, moved: xr.Dataset) -> list[_Stretch]:
+def _stretches(fall: Fall, moved: xr.Dataset, size: int, swing: float) -> list[_Stretch]:
     """Cut a record into the body at rest, its fall, its flights, and its rest."""
     time, height = moved["time"].values, np.array(moved["displacement"].values, float)
     for sign, one in ((1, moved), (-1, fall.bounces)):  # the hum of the flights is better known
@@ -90,7 +83,7 @@ def _stretches(fall: Fall, moved: xr.Dataset) -> list[_Stretch]:
         (f"in the flight after impact {i + 1}", *ends, 2)
         for i, ends in enumerate(zip(liftoff, touch[1:], strict=False))
     ]
-    if (rest := _rest(fall, time, height)) is not None:
+    if (rest := _rest(fall, time, height, size, swing)) is not None:
         parts.append((_AT_REST, rest, np.inf, 1))
     found = list[_Stretch]()
     for name, begin, end, degree in parts:
@@ -109,9 +102,9 @@ def _window(fall: Fall, time: Floats) -> tuple[int, float]:
     return size, float(fall.bounces.attrs["noise"]) * sqrt(2 * DOUBTFUL * sqrt(2.0 / size))
 
 
-def _rest(fall: Fall, time: Floats, height: Floats) -> float | None:
+def _rest(fall: Fall, time: Floats, height: Floats, size: int, swing: float) -> float | None:
     """Find the time from which the body has rested for some contacts, whatever moves it later."""
-    (size, swing), first = _window(fall, time), int(np.searchsorted(time, float(fall.values("settling_time"))))
+    first = int(np.searchsorted(time, float(fall.values("settling_time"))))
     if first + size >= time.size:
         return None
     windows = np.lib.stride_tricks.sliding_window_view(height[first:], size)
@@ -133,17 +126,17 @@ def _acceleration(fall: Fall, known: Sequence[_Stretch]) -> Check:
             "file": fall.name,
             "factor": False,
         }
-        return compared(EACH, text, seen, own, g, u_g, allowance=_FREE * g, **place)
+        return compared(EACH, text, seen, own, g, u_g, allowance=GUIDE * g, **place)
     flights = [(one, *one.fall) for one in known if one.fall is not None]
     if len(flights) < 2:
         return not_made(EACH, "two flights")
     worst, seen, own = max(flights, key=lambda one: abs(one[1] - g) / one[2])
     u, begin = hypot(own, u_g) * doubtful_among(len(flights)) / DOUBTFUL, quantity(float(worst.time[0]), "s")
     text = f"{fall.name}: {shown(seen, own, 'm/s2')} {worst.name}, from {begin} on, {shown(g, u_g, 'm/s2')} in all"
-    return compared(EACH, text, seen, u, g, 0.0, allowance=_FREE * g, factor=False, file=fall.name, cause=TWO)
+    return compared(EACH, text, seen, u, g, 0.0, allowance=GUIDE * g, factor=False, file=fall.name, cause=TWO)
 
 
-def _course(fall: Fall, known: Sequence[_Stretch], noise: float, swing: float) -> Check:
+def _course(fall: Fall, known: Sequence[_Stretch], swing: float) -> Check:
     """Compare what is left of each stretch with noise, by means over 4, 8, 16, ... readings."""
     if not known:
         return not_made(COURSE, f"{_SHORTEST * _FEWEST} readings at rest or in flight")
@@ -154,7 +147,8 @@ def _course(fall: Fall, known: Sequence[_Stretch], noise: float, swing: float) -
         for k, one in enumerate(known)
         if one.time.size >= n * _FEWEST
     }
-    trials, worst = sum(each.size for each in means.values()), (0.0, 0.0, 0, 0.0)
+    noise, trials = float(fall.bounces.attrs["noise"]), sum(each.size for each in means.values())
+    worst = (0.0, 0.0, 0, 0.0)
     for n in map(int, sizes):
         of_size = {k: each for (k, size), each in means.items() if size == n}
         # noise that is not white shows in most stretches
@@ -162,15 +156,13 @@ def _course(fall: Fall, known: Sequence[_Stretch], noise: float, swing: float) -
         u = max(noise / sqrt(n), scatter)
         for k, each in of_size.items():
             at, allowed = int(np.argmax(np.abs(each))), swing * (known[k].name == _AT_REST)
-            worst = max(
-                worst, ((abs(float(each[at])) - allowed) / u, float(each[at]), k, float(known[k].time[at * n + n // 2]))
-            )
+            by, when = float(each[at]), float(known[k].time[at * n + n // 2])
+            worst = max(worst, ((abs(by) - allowed) / u, by, k, when))
     beyond, by, k, when = worst
     margin = beyond * DOUBTFUL / doubtful_among(trials)
     text = f"{fall.name}: {known[k].name} readings differ by {quantity(abs(by), 'm')} from "
-    text += (
-        f"a {'line' if known[k].fall is None else 'parabola'} at {quantity(when, 's')}, noise {quantity(noise, 'm')}"
-    )
+    course = "line" if known[k].fall is None else "parabola"
+    text += f"a {course} at {quantity(when, 's')}, noise {quantity(noise, 'm')}"
     if margin <= DOUBTFUL:
         return Check(COURSE, text, None, margin, file=fall.name)
     return Check(COURSE, text, "doubtful", margin, cause=_shape(known, k, noise, when), file=fall.name)

@@ -12,7 +12,6 @@ from functools import cached_property
 from itertools import combinations
 from math import inf, sqrt
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import IN_MOTION, MARKER
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, LIKELY, Check, Level, doubtful_among, not_made
 from labpipe.report import quantity
-from labpipe.signals import Hum, estimate_noise, quantisation_step
+from labpipe.signals import Hum, deviation, estimate_noise, quantisation_step
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.exclusions import EXCLUDED
 from pipelines.experiments.shared.judgements import Title, Titles, day_known, failed_steps
@@ -281,8 +280,7 @@ def step_in(values: Floats, since: int = 0) -> tuple[int, float, float] | None:
         first = max(since + 4 * half, half)
         steps = np.convolve(values, weights[::-1], "valid")[first - half :]
         at = int(np.argmax(np.abs(steps)))
-        scatter = float(np.median(np.abs(steps - np.median(steps)))) / NormalDist().inv_cdf(0.75)
-        u = max(scatter, noise * float(np.linalg.norm(weights)))
+        u = max(deviation(steps - np.median(steps)), noise * float(np.linalg.norm(weights)))
         found.append((first + at, float(steps[at]), abs(float(steps[at])) / (u or inf)))
         half *= 2
     return max(found, key=lambda one: one[2], default=None)

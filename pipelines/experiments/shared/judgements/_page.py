@@ -109,7 +109,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     if model == "differs":
         explained = "".join(f" {capitalised(text)}." for text in told)
         largest = f"largest deviation of a single value {float(result['largest_deviation']):.1f} u"
-        of_curves = min((row.p for row in rows if row.is_curve and row.p is not None), default=1.0)
+        of_curves = min((row.p_alone for row in rows if row.p_alone is not None), default=1.0)
         differs = f"but the {by} differs from it ({chance(min(p, of_curves))}, {largest})"
         return "warning", f"{believable}, {differs}; {checks}.{shown}{explained}"
     if model == "undecided":

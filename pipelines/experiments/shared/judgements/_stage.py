@@ -108,13 +108,12 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
     values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
-    # along an impact whose moment the model predicts, uncertainties are not propagated linearly
-    curves = [row for row in scene.rows if row.p is not None and row.is_curve and "impact" not in row.quantity]
+    curves = {row.p_alone: row for row in scene.rows if row.p_alone is not None}
     could_notice = bool((relative < MATTERS).any()) if names else True
-    model = model_verdict(found, could_notice, [row.p or 0.0 for row in curves])
+    model = model_verdict(found, could_notice, [*curves])
     reason, by_curve = "", ""
     if model == "differs" and model_verdict(found, could_notice) != "differs":
-        by_curve = curve_differs(min(curves, key=lambda row: row.p or 0.0))
+        by_curve = curve_differs(curves[min(curves)])
     elif model == "differs" and scene.basis.is_sound:
         reason = undecided_by(scene.inputs, made)
     elif model == "agrees":
