@@ -12,7 +12,7 @@ from pipelines.experiments.ball_drop.comparison import foreseen
 @pytest.mark.parametrize(
     ("u", "plate", "count"),
     [
-        ((0.0, 2.5e-4, 6.3e-4), {"frequency": 180.0}, 2),  # 0.28 and 0.71 rad of the plate
+        ((0.0, 2.0e-4, 3.4e-4), {"frequency": 180.0}, 2),  # 0.23 and 0.38 rad of the plate
         ((0.0, 2.5e-4, 6.3e-4), None, 20),  # a floor at rest returns the same whenever it is touched
         ((0.0, 2.5e-3, 6.3e-4), None, 1),  # 6 % of the flight before
     ],
