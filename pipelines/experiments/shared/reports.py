@@ -77,9 +77,7 @@ def _compared(rows: Sequence[Row]) -> Iterator[Block]:
     ]
     caption = "Of a curve the difference is the mean one, and nRMSE is relative to the range of the model."
     if any("restitution" in row.quantity and row.measured and row.model is None for row in rows):
-        caption += (
-            " None is expected of an impact whose time is uncertain by over 0.25 rad of the plate's vibration."
-        )
+        caption += " None is expected of an impact whose time is uncertain by over 0.25 rad of the plate's vibration."
     if cells:
         table = Table(columns, cells, caption=caption)
         yield Details(f"All {len(cells)} compared values", [table]) if len(cells) > 12 else table
