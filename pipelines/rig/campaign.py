@@ -129,15 +129,18 @@ def drawn(extent: Extent, seed: int) -> Extent:
 def misstated(text: str, extent: Extent, file: str) -> str:
     """Return a text of a session in which every value with ± is off the true one by chance, within its uncertainty.
 
-    Equal statements are of one measurement, such as the mass of the sphere, but those of heights and of moduli.
+    Equal statements are of one measurement, such as the mass of the sphere, but those of heights and of gains.
     """
     true = {("temperature", STATED.room): ROOM, ("temperature", extent.heated): extent.heated + extent.thermometer}
     true |= {("nu", float(nu.split()[0])): SOLIDS[name].nu for name, nu in session_text.STATED_NU.items()}
     lasers = {STATED.inclination: extent.rig, STATED.on_plate: extent.plate_rig}
     true |= {("inclination", deg): float(np.rad2deg(rig.sensor.inclination)) for deg, rig in lasers.items()}
+    true |= {("scale", 1.0): 1.0 / TESTER.force_gain} if file == "load_cell.toml" else {}
 
     def off(match: re.Match[str]) -> str:
         name, value, u = match[1], float(match[2]), match[3]
+        if (name, file) == ("scale", "session.toml"):
+            return match[0]  # of a specimen's moduli: its error is drawn where its export is written
         place = [*file.encode(), match.start()] if name in ("height", "scale") else []
         random = np.random.default_rng([extent.seed, *match[0].encode(), *place])
         while True:

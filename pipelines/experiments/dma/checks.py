@@ -451,24 +451,29 @@ def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: f
     if curve is None or curve.sizes.get("temperature", 0) < 2 * _FEWEST or not sweeps:
         return not_made(_LABEL, f"shifts of {2 * _FEWEST} temperatures")
 
-    def implied(shifts: Floats) -> Floats:
-        """Return by how much the temperature that the others imply exceeds each, of shifts in ascending order."""
+    def implied(shifts: Floats) -> tuple[Floats, Floats]:
+        """Return by how much the temperature that the others imply exceeds each, and how much more that scatters there.
+
+        Shifts are in ascending order. Midway between two others the gain of the scatter is one, beyond an end two.
+        """
         found = []
         for i in range(shifts.shape[1]):
             T, log_aT = np.delete(shifts, i, axis=1)
             end = int(np.clip(np.searchsorted(log_aT, shifts[1, i]), 1, T.size - 1))  # an end is extrapolated
-            slope = (T[end] - T[end - 1]) / max(log_aT[end] - log_aT[end - 1], 1e-3)
-            found.append(float(T[end] + slope * (shifts[1, i] - log_aT[end]) - shifts[0, i]))
-        return np.array(found)
+            part = (shifts[1, i] - log_aT[end - 1]) / max(log_aT[end] - log_aT[end - 1], 1e-3)
+            off = T[end - 1] + part * (T[end] - T[end - 1]) - shifts[0, i]
+            found.append((off, np.sqrt((1.0 + part**2 + (1.0 - part) ** 2) / 1.5)))
+        off, gain = np.array(found).T
+        return off, gain
 
     known = np.array([curve["temperature"].values, curve["log10_aT"].values])
     known = known[:, np.argsort(known[1])]
     found = []
-    for i, off in enumerate(implied(known)):
+    for i, (off, gain) in enumerate(zip(*implied(known), strict=True)):
         # without the sweep whose temperature is wrong the others lie on a smooth course, its neighbours as well
-        rest = np.abs(implied(np.delete(known, i, axis=1)))
+        rest = np.abs(np.divide(*implied(np.delete(known, i, axis=1))))
         near = np.sqrt(np.mean(rest[max(i - 2, 0) : i + 2] ** 2))
-        found.append((abs(off) / (DOUBTFUL * max(deviation(rest), float(near)) + strays), off, i))
+        found.append((abs(off) / (gain * DOUBTFUL * max(deviation(rest), float(near)) + strays), off, i))
     worst, off, i = max(found)
     T = float(known[0, i])
     if worst <= 1.0:
