@@ -54,7 +54,7 @@ TITLES = {
     **fall_checks.OF_FALL,
     "stated height": Title("The measured fall equals the stated height.", (HEIGHT,)),
     "contact duration": Title("Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere.", (fall_checks.DURATION,)),
-    "level at rest": Title("The floor stays in place: the body rests where it first touched.", ("level at rest",)),
+    "level at rest": Title("The floor stays in place: the body touches and rests at one level.", ("level at rest",)),
     "repeats": Title("Repeats agree within their scatter.", ("repeats",)),
     **record_checks.OF_LASER,
 }
@@ -88,7 +88,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
             fall_checks.height(fall, settings.height),
             fall_checks.restitution(fall),
             fall_checks.contact_duration(fall, first_contact, gravity, u_modulus),
-            fall_checks.rest_level(fall),
+            fall_checks.levels(fall),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
             *(course := flight_checks.of_flights(fall, one)),
         ]

@@ -13,11 +13,12 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, largest_radii, rows
-from pipelines.experiments.contact_area.measured import READ, edges_only
+from pipelines.experiments.contact_area.measured import edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
 from pipelines.experiments.shared.film_checks import LONGER, exposed, exposure_stated, of_film, of_frames, wrong_rate
+from pipelines.experiments.shared.film_frames import meanings
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
@@ -139,8 +140,8 @@ def _of_contacts(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
             cause = exposed(radius, film).cause or f"{cause}covered"
         yield Check("fringes are resolved", message, level, cause=cause, file=film)
 
-    name, known = "place of the contacts", np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
-    at = np.flatnonzero(known)
+    name, method = "place of the contacts", meanings(radius["method"])
+    at = np.flatnonzero(np.isfinite(radius["radius"].values) & (method != "between_equal_frames") & (method != "none"))
     if at.size < 2:
         yield not_made(name, "contacts in two frames, and their centres")
         return

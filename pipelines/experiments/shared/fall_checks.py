@@ -33,6 +33,7 @@ OF_FALL: Titles = {
 """Checks of every fall."""
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
 _NOT_FREE = "the body did not fly freely (a guide that rubs, a thread, a hand), or bench or sensor moved"
+_ROLLED = "the body rolled or turned under the spot of the laser, or floor, stand or sensor moved"
 _MOVED = "the body was touched or lifted, or another drop follows in the record"
 GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
@@ -117,14 +118,25 @@ def restitution(fall: Fall) -> Check:
     return bounded(_RESTITUTION, text, float(held[worst]), float(u[worst]), **place)
 
 
-def rest_level(fall: Fall) -> Check:
-    """Compare the level at rest with that of the first touch; no weight approaches a floor as far as an impact does."""
-    name, (rest, u_rest), (touch, u_touch) = "level at rest", fall.value("rest_level"), fall.value("contact_level")
-    if not isfinite(rest):
-        return not_made(name, "a record that lasts until rest")
-    gap, u, deepest = rest - touch, hypot(u_rest, u_touch), float(np.nanmax(fall.values("penetration")))
-    text = f"{fall.name}: rest is {shown(gap, u, 'm')} from first touch"
-    return compared(name, text, gap, u, 0.0, 0.0, allowance=deepest, factor=False, file=fall.name)
+def levels(fall: Fall) -> Check:
+    """Compare the levels of later touches, and of rest, with that of the first touch.
+
+    No weight approaches a floor as far as an impact does, and no dent or motion of a plate is as large as a later
+    impact is deep.
+    """
+    touch, u_touch, depth = (fall.values(of) for of in ("touch_level", "u_touch_level", "penetration"))
+    (rest, u_rest), deepest = fall.value("rest_level"), float(np.nanmax(depth))
+    gaps = np.append(touch, rest) - touch[0]
+    u, allowed = np.hypot(np.append(u_touch, u_rest), u_touch[0]), np.append(depth, deepest)
+    known = np.flatnonzero(np.isfinite(gaps * u * allowed) & (gaps != 0.0))
+    if not known.size:
+        return not_made("level at rest", "two impacts, or a record that lasts until rest")
+    k = int(max(known, key=lambda i: (abs(gaps[i]) - allowed[i]) / u[i]))
+    gap, own, where = float(gaps[k]), float(u[k]), f"touch {k + 1}" if k < touch.size else "rest"
+    text = f"{fall.name}: {where} is {shown(gap, own, 'm')} from first touch"
+    place: dict[str, Any] = {"allowance": float(allowed[k]), "file": fall.name, "otherwise": _ROLLED}
+    check = compared("level at rest", text, gap, own, 0.0, 0.0, factor=False, **place)
+    return check if abs(gap) > deepest or not check.level else replace(check, level="doubtful")
 
 
 class Repeated(NamedTuple):

@@ -121,6 +121,12 @@ def key_frames(film: FrameSource, chosen: Iterable[int], widest: int = 640) -> x
     )
 
 
+def meanings(flags: xr.DataArray) -> NDArray[np.str_]:
+    """Return the meaning of each value of a variable of flags (CF ``flag_values``, ``flag_meanings``)."""
+    names = dict(zip(flags.attrs["flag_values"], str(flags.attrs["flag_meanings"]).split(), strict=True))
+    return np.array([names[int(code)] for code in np.atleast_1d(flags.values)], dtype=str)
+
+
 def thinned(wanted: Iterable[int], keys: Collection[int], most: int = 60) -> list[int]:
     """Return the key frames and, evenly, as many of the others as a strip holds: few enough to step through."""
     others = np.array(sorted(set(wanted) - set(keys)), int)
@@ -188,8 +194,8 @@ def drawing_of(key: xr.Dataset, least: int = 480) -> tuple[NDArray[Any], float, 
 class DrawnFilm:
     """A film to watch, and the results of its frames.
 
-    ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one as :func:`key_frames` copies it, and
-    its place among these. ``jumps`` are frames worth seeing, by name.
+    ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one of :func:`key_frames` and its place
+    among these. ``jumps`` are frames worth seeing, by name.
     """
 
     source: FrameSource
@@ -207,9 +213,9 @@ class DrawnFilm:
         head = f"frame {index}, {self.source.time[index] * 1e3:.2f} ms in the film"
         if not self.source.valid[index]:
             return None, f"{head}: damaged or excluded, it is not shown"
-        key, at = key_frames(self.source, [index]), int(np.searchsorted(self.frame, index))
+        key, at = key_frames(self.source, [index]).isel(key=0), int(np.searchsorted(self.frame, index))
         if self.drawn is not None and at < self.frame.size and self.frame[at] == index:
             image, _, caption, _ = self.drawn(key, at)
-            return image if is_drawn else drawing_of(key.isel(key=0))[0], caption
+            return image if is_drawn else drawing_of(key)[0], caption
         missing = "this frame was not evaluated" if self.frame.size else "no result of this film is up to date"
-        return drawing_of(key.isel(key=0))[0], f"{head}; {missing}"
+        return drawing_of(key)[0], f"{head}; {missing}"

@@ -278,10 +278,11 @@ def calibration_rows(text: str) -> KeyValues:
     return KeyValues(rows, caption="Calibration record")
 
 
-def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, str]]) -> Section:
+def camera_calibration(found: xr.Dataset, plane: str, rows: Sequence[tuple[str, str, str]] = ()) -> Section:
     """Show the calibration record of a camera, values from it, and the budget of its scale, folded away."""
-    table = budget_table(json.loads(budget), "Budget of the image scale", "m/px")
-    blocks = (calibration_rows(record), KeyValues(rows), *table)
+    table = budget_table(json.loads(found.attrs["budget"]), "Budget of the image scale", "m/px")
+    rows = [("length of one pixel", told(found, "pixel_size"), f"in the plane of the {plane}"), *rows]
+    blocks = (calibration_rows(found.attrs["calibration"]), KeyValues(rows), *table)
     return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
