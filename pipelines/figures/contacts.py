@@ -208,14 +208,14 @@ def heated(inputs: Inputs) -> Drawing:
     ratios = (1.0, share, share)
     with panels(3, _IMPACTS + 1, width=2, aspect=0.14 + 0.25 * sum(ratios), height_ratios=ratios) as (figure, axes):
         rise = _rises(inputs, pair[0][0])
-        for row, (look, film, (name, label)) in enumerate(zip(looks, films, pair, strict=True), start=1):
+        for row, (look, (name, label)) in enumerate(zip(looks, pair, strict=True), start=1):
             for number in range(_IMPACTS):
                 _heated_impact(axes[0, number], inputs, name, label, number, float(rise[number]), look)
             _heated_rest(axes[0, _IMPACTS], inputs, name, label, look)
             keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
             frames = [_key_at(keys, t) for t in impacts["peak_time"].values[:_IMPACTS]] + [keys.sizes["key"] - 1]
             for place, key in zip(axes[row], frames, strict=True):
-                _spot(place, keys.isel(key=key), film, None)
+                _spot(place, keys.isel(key=key), films[row - 1], None)
                 place.set(yticks=[], xticks=(-500, 0, 500))
                 place.tick_params(labelbottom=row == len(pair))
                 for edge in place.spines.values():

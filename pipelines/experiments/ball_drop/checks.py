@@ -29,7 +29,6 @@ from pipelines.experiments.shared.judgements import Scene, Title, line_of
 from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
-_LEVEL = 3.0  # degrees
 _SMEARED = "the controller averages or filters the readings over the time of a contact, which smears an impact"
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
@@ -150,15 +149,6 @@ def _repeats(falls: Sequence[Fall]) -> list[Check]:
     of_height, of_bounce = fall_checks.repeats_agree(falls, _REPEATS, _OF_ANOTHER)
     if of_height.level or not of_bounce.level:
         return [of_height, of_bounce]
-    speeds = {fall.name: fall.values("incoming_speed") for fall in falls}
-    for file, own in speeds.items():
-        for other, whole in speeds.items():
-            count = min(own.size, whole.size - 1)
-            apart = [float(np.abs(whole[k : k + count - 1] - own[1:count]).sum()) for k in (1, 2)] if count > 2 else []
-            if file != other and apart and 4 * apart[1] < apart[0]:
-                cause = f"a flight is missing in {file}: its speeds from impact 2 on are those of {other} from impact "
-                cause += "3 on; rows were lost after impact 1"
-                return [of_height, replace(of_bounce, file=file, cause=cause)]
     later = [float(fall.values("restitution")[1]) for fall in falls if fall.values("restitution").size > 1]
     first = np.ptp([fall.value("restitution")[0] for fall in falls])
     cause = "it falls as far as the others, but is another body, or at another temperature: the file is of another drop"
@@ -229,7 +219,8 @@ def _causes(
 
         def inclined(k: float) -> str:
             right = degrees(acos(min(cos(angle) * k, 1.0)))
-            twice = ": it was corrected twice, by the controller too" if right < _LEVEL else ""
+            # none is left within the uncertainty of the scale
+            twice = ": it was corrected twice, by the controller too" * (cos(angle) * k > 1.0 - 2.0 * fall.relative)
             text = f"the inclination of {degrees(angle):.3g}° in {record} makes lengths {too_large(k)}"
             return f"{text}; {right:.3g}° would be right{twice}"
 

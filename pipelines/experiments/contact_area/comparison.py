@@ -128,7 +128,7 @@ def _fit(
     """Fit size (relative), shift [s] and duration of a model's contact; return the first two with their u, or NaN.
 
     The largest radius lies between frames: the model is shifted by the ``farthest`` interval of frames at most. A
-    contact that lasts longer by more than the ``longest`` share has not its form.
+    contact that lasts longer by more than the ``longest`` share does not have its form.
     """
     if time.size < _FEWEST:
         return (np.nan,) * 4

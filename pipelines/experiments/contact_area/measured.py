@@ -16,9 +16,8 @@ from calibration import camera as camera_scale
 from labpipe import imaging
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.frames import FrameSource
 from labpipe.variables import variable, with_u
-from pipelines.experiments.contact_area.settings import ContactArea, Corner
+from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, said_by_file
 from pipelines.experiments.shared.film_frames import film_of, key_frames, meanings, recorded_on, thinned
@@ -55,7 +54,22 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     known, day = calibration.load_record(record), settings.measured_on
     size, checked = camera_scale.image_scale(known, settings.view, measured=day, recorded=recorded_on(source))
     sphere, light, exposure = settings.sphere.radius, settings.wavelength, settings.exposure
-    seen, left, top = _region(source, settings.region)
+    seen, left, top = source, 0, 0
+    if settings.region is not None:
+        shape, corners = np.array(source.shape[:0:-1]), np.array(settings.region)  # x, y
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        part = f"region: the part from ({', '.join(f'{c:g}' for c in low)}) to ({', '.join(f'{c:g}' for c in high)})"
+        images = f"the images, {shape[0]} px wide and {shape[1]} px high"
+        if (high > shape).any():
+            swapped = ": x and y are exchanged" if (high[::-1] <= shape).all() else ""
+            text = f"{part} reaches beyond {images}{swapped}; give px of the images, x to the right and y down"
+            raise InputError(text).because("region")
+        begin, end = np.floor(low).astype(int), np.minimum(np.ceil(high) + 1, shape).astype(int)
+        if (end - begin).min() < _READING.least_region:
+            least = f"less than {_READING.least_region} px wide or high"
+            raise InputError(f"{part} of {images}, is {least}; draw it around the contact with its rings")
+        (left, top), (right, bottom) = begin.tolist(), end.tolist()
+        seen = source.roi(slice(top, bottom), slice(left, right))
     found = imaging.contact_radius(
         seen,
         size.value,
@@ -77,26 +91,6 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         light=light_of(seen),
         said_by_file=said_by_file(source),
     )
-
-
-def _region(source: FrameSource, region: tuple[Corner, Corner] | None) -> tuple[FrameSource, int, int]:
-    """Return the part of a film in which the contact is looked for, and its first column and row."""
-    if region is None:
-        return source, 0, 0
-    size, corners = np.array(source.shape[:0:-1]), np.array(region)  # x, y
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    part = f"region: the part from ({', '.join(f'{c:g}' for c in low)}) to ({', '.join(f'{c:g}' for c in high)})"
-    seen = f"the images, {size[0]} px wide and {size[1]} px high"
-    if (high > size).any():
-        swapped = ": x and y are exchanged" if (high[::-1] <= size).all() else ""
-        text = f"{part} reaches beyond {seen}{swapped}; give px of the images, x to the right and y down"
-        raise InputError(text).because("region")
-    begin, end = np.floor(low).astype(int), np.minimum(np.ceil(high) + 1, size).astype(int)
-    if (end - begin).min() < _READING.least_region:
-        least = f"less than {_READING.least_region} px wide or high"
-        raise InputError(f"{part} of {seen}, is {least}; draw it around the contact with its rings")
-    (left, top), (right, bottom) = begin.tolist(), end.tolist()
-    return source.roi(slice(top, bottom), slice(left, right)), left, top
 
 
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:

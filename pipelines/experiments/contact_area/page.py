@@ -48,7 +48,16 @@ def _details(
     known = ("not known", limit) if light is None else (pages.stated(light), "from session.toml")
     rows = [("wavelength", *known)]
     if model is not None and model.sizes["impact"]:
-        rows.append(("edge of the contact", *_edge(model, settings)))
+        work, why = settings.work_of_adhesion, "work_of_adhesion is stated as 0: the surfaces do not stick"
+        place = "at the radius"
+        if work is None:  # the middle of what is possible is half of the most
+            place = f"up to {quantity(2.0 * float(model['adhesion_shift'][0]), 'm', 2)} farther out"
+            why = f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)}); state "
+            why += "work_of_adhesion in session.toml"
+        elif work.value > 0.0:
+            place = f"{pages.told(model, 'adhesion_shift', 0)} farther out"
+            why = f"JKR with the stated {pages.stated(work)}"
+        rows.append(("edge of the contact", place, f"{why}; fringes show the Hertz-equivalent radius"))
         rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
     at_rest = pages.known(impacts, {"static_radius": ("contact radius at rest, film", "")})
     if at_rest and model is not None:
@@ -56,19 +65,6 @@ def _details(
         text = f"{brief} after as long as an impact, {lasting} at the end of the film"
         at_rest.append(("Hertz radius under the weight", text, "with the creep of the material"))
     return [*rows, *at_rest]
-
-
-def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
-    """Describe the distance from the radius that fringes show to the edge of the largest contact."""
-    told, given = "fringes show the Hertz-equivalent radius", settings.work_of_adhesion
-    if given is None:
-        # the middle of what is possible is half of the most
-        most = quantity(2.0 * float(model["adhesion_shift"][0]), "m", 2)
-        why = f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)})"
-        return f"up to {most} farther out", f"{why}; state work_of_adhesion in session.toml; {told}"
-    if given.value == 0.0:
-        return "at the radius", f"work_of_adhesion is stated as 0: the surfaces do not stick; {told}"
-    return f"{pages.told(model, 'adhesion_shift', 0)} farther out", f"JKR with the stated {pages.stated(given)}; {told}"
 
 
 def _key_frames(
@@ -148,30 +144,29 @@ def _over_time(
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm", curves)
     charts: list[Block] = [pages.chart(*labels, group="film", views=views, opens_on_view=bool(views), caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
-        charts += _around(comparison, model)
+        around, residuals = list[Series](), list[Series]()
+        for i in range(comparison.sizes["impact"]):
+            mine, name = comparison["impact_number"].values == i + 1, f"impact {i + 1}"
+            since, film, made, u = (comparison[of].values[mine] for of in ("since_peak", "film", "model", "u_film"))
+            # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
+            relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
+            slope = np.gradient(made, since) if since.size > 1 else np.zeros(since.size)
+            wide = 2.0 * relative * np.abs(made - 2.0 * since * slope)
+            around.append(Series(f"{name}, film", since, film, role="measured", style="points", u=u))
+            around.append(Series(f"{name}, model", since, made, role="model"))
+            residuals.append(Band(f"{name}, model ± 2 u", since, -wide, wide, role="model"))
+            residuals.append(
+                Series(f"{name}, film minus model", since, film - made, role="residual", style="points", u=u)
+            )
+        chart = partial(pages.chart, x="time since the largest radius / ms", group="impacts")
+        title = "Contact radius around its largest value"
+        charts += [
+            Paragraph(_AROUND),
+            chart(title, y="contact radius / mm", series=around, height_px=260),
+            chart("Film minus model", y="difference / µm", series=residuals, height_px=220),
+        ]
         charts += pages.limits_of(model)
     return Section("Contact radius over time", tuple(charts))
-
-
-def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
-    """Draw film and model around the largest radius of each impact, and their differences below."""
-    curves, residuals = list[Series](), list[Series]()
-    for i in range(comparison.sizes["impact"]):
-        mine, name = comparison["impact_number"].values == i + 1, f"impact {i + 1}"
-        since, film, model, u = (comparison[of].values[mine] for of in ("since_peak", "film", "model", "u_film"))
-        # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
-        relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
-        slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
-        wide = 2.0 * relative * np.abs(model - 2.0 * since * slope)
-        curves.append(Series(f"{name}, film", since, film, role="measured", style="points", u=u))
-        curves.append(Series(f"{name}, model", since, model, role="model"))
-        residuals.append(Band(f"{name}, model ± 2 u", since, -wide, wide, role="model"))
-        residuals.append(Series(f"{name}, film minus model", since, film - model, role="residual", style="points", u=u))
-    chart = partial(pages.chart, x="time since the largest radius / ms", group="impacts")
-    title = "Contact radius around its largest value"
-    drawn = chart(title, y="contact radius / mm", series=curves, height_px=260)
-    left = chart("Film minus model", y="difference / µm", series=residuals, height_px=220)
-    return [Paragraph(_AROUND), drawn, left]
 
 
 def _methods(settings: ContactArea, radius: xr.Dataset, model: xr.Dataset | None = None) -> str:

@@ -61,12 +61,20 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
     options: dict[str, Any] = {"subset": subsets, "static_frames": static, **chosen.masks}
-    coarse: dict[str, int] = {}
-    if not full:
-        coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
+    count, read_coarsely = len(source), 0
+    coarse = np.unique(np.append(np.arange(0, count, _READING.every), count - 1))
+    if not full and len(coarse) > 3 and count >= 4 * _READING.after_rest:
+        # a coarse pass over the body alone finds rest; the frames that follow are thinned out
+        body = imaging.track(source, points[:1], select=coarse, **options | {"subset": subsets[:1], "order": 3})
+        read_coarsely, level = json.loads(body.attrs["work"]).get("frames_read", 0), body["dy"].values[:, 0]
+        if np.isfinite(level[-1]):
+            moving = np.flatnonzero(~(np.abs(level - level[-1]) < _READING.at_rest))
+            last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
+            dense = np.arange(min(count, max(last + _READING.after_rest, static)))
+            options["select"] = np.union1d(dense, coarse)
     found = imaging.track(source, points, **options)
     work = json.loads(found.attrs["work"]) | {"frames_read": found.sizes["frame"]}
-    work["coarse_frames_read"] = coarse.get("frames_read", 0)
+    work["coarse_frames_read"] = read_coarsely
     work["pixels_read"] = min(work["pixels_read"], work["pixels_total"])  # still frames are read twice
     kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
     if float(found["valid"].isel(point=0).mean()) < _READING.least:  # is it there in frames turned or mirrored?
@@ -116,24 +124,6 @@ def _static_frames(source: FrameSource, centre: tuple[float, float], width: int)
     return min(_READING.most_static, int(_READING.margin * len(sound)) or 1)
 
 
-def _worth_reading(
-    source: FrameSource, body: list[tuple[float, float]], options: dict[str, Any], static: int
-) -> tuple[dict[str, int], NDArray[np.int64]]:
-    """Find rest in a coarse pass over the body alone; thin out the frames that follow."""
-    count = len(source)
-    coarse = np.unique(np.concatenate([np.arange(0, count, _READING.every), [count - 1]]))
-    if len(coarse) < 4 or count < 4 * _READING.after_rest:
-        return {}, np.arange(count)
-    found = imaging.track(source, body, select=coarse, **{**options, "order": 3})
-    level = found["dy"].values[:, 0]
-    if not np.isfinite(level[-1]):
-        return json.loads(found.attrs["work"]), np.arange(count)
-    moving = np.flatnonzero(~(np.abs(level - level[-1]) < _READING.at_rest))
-    last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
-    dense = np.arange(min(count, max(last + _READING.after_rest, static)))
-    return json.loads(found.attrs["work"]), np.union1d(dense, coarse)
-
-
 def repeated(track: xr.Dataset) -> NDArray[np.bool_]:
     """Find frames (frame,) that show the holder exactly as the one before, within the tolerance of the solver."""
     body, limits = track.isel(point=0), (("dx", SOLVED), ("dy", SOLVED), ("zncc", _READING.alike))
@@ -154,10 +144,17 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
             "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls, and that "
             "masks (tracking.regions, covers, obstructions) leave free"
         )
-    direction, u_direction = _direction(body)
+    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
+    away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
+    far, direction, u_direction = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0)), math.nan, math.nan
+    if far.size > 3 and np.nanmax(away) > _READING.clear * np.nanmedian(noise):  # the angle to the image's columns
+        weight = away[far] * np.sign(y[far])
+        direction = math.atan2(float(weight @ x[far]), float(weight @ y[far]))
+        beside = x[far] * math.cos(direction) - y[far] * math.sin(direction)
+        memory = far.size / signals.independent_count(beside)
+        u_direction = math.sqrt(memory * float(beside @ beside) / (far.size - 1) / float(weight @ weight))
     turn, tilt = direction if abs(direction) < _READING.straight else 0.0, settings.camera_tilt
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
-    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
     along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
     copies = repeated(track)
     if copies.mean() < _READING.copies:  # a film without noise repeats itself at rest
@@ -183,21 +180,6 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     }
     made = xr.Dataset(table, {"time": variable("time", track["time"].values, "s", "time in the film")}, attrs)
     return made.assign({name: moved[name] for name in ("pixel_size", "u_pixel_size")})
-
-
-def _direction(body: xr.Dataset) -> tuple[float, float]:
-    """Return the angle of the motion to the image's columns with its u [rad]; NaN where it is unclear."""
-    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
-    away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
-    far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))
-    if far.size < 4 or np.nanmax(away) < _READING.clear * np.nanmedian(noise):
-        return math.nan, math.nan
-    x, y, weight = x[far], y[far], away[far] * np.sign(y[far])
-    direction = math.atan2(float(weight @ x), float(weight @ y))
-    across = x * math.cos(direction) - y * math.sin(direction)
-    memory = far.size / signals.independent_count(across)
-    u = math.sqrt(memory * float(across @ across) / (far.size - 1) / float(weight @ weight))
-    return direction, u
 
 
 def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:

@@ -42,7 +42,6 @@ CLOCK = 1e-4
 SWING = 0.07
 """Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
 of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
-_LIGHTEST = 800.0  # kg/m³ of the lightest solid polymer
 _BY_HAND = 0.2
 """Relative difference of two repeats that were released by hand."""
 
@@ -205,9 +204,9 @@ def contact_duration(fall: Fall, known: tuple[float, float] | None, gravity: Qua
     return compared(DURATION, text, seen, hypot(own, 0.4 * u * seen), expected, 0.0, file=fall.name)
 
 
-def body_stated(radius: float, mass: float) -> Check:
-    """Compare a stated mass with the least weight of a sphere of that radius."""
-    name, least = "mass of the falling body", _LIGHTEST * 4 / 3 * pi * radius**3
+def body_stated(radius: float, mass: float, lightest: float = 800.0) -> Check:
+    """Compare a stated mass with the least weight of a sphere of that radius, of the ``lightest`` polymer [kg/m³]."""
+    name, least = "mass of the falling body", lightest * 4 / 3 * pi * radius**3
     text = f"{quantity(mass, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
     cause = "sphere.mass or sphere.radius is in another unit than was typed, or a diameter was typed"
     return Check(name, text, "impossible" if mass < least else None, cause=cause, setting="sphere.mass")

@@ -23,9 +23,6 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 Drawn = tuple[NDArray[np.uint8], str, str, float | None]
 """A picture (BGR) of a frame, its description, its caption and its place on a chart."""
-_ALIKE, _BESIDE = 0.5, 0.25
-"""Part of the differences between stated neighbours that is left between true ones, and relative change of their
-distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
 
 
 def film_of(path: Path, settings: Any) -> FrameSource:
@@ -58,8 +55,12 @@ def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | Non
     return found
 
 
-def _is_exchanged(film: FrameSource) -> bool:
-    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width."""
+def _is_exchanged(film: FrameSource, left: float = 0.5, beside: float = 0.25) -> bool:
+    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width.
+
+    Of the differences between stated neighbours at most a part is ``left`` between true ones, nor are rows alike at a
+    distance so far ``beside`` it: those that are alike at any distance are a pattern.
+    """
     _, rows, columns = film.shape
     sound = np.flatnonzero(film.valid) if rows != columns else np.empty(0, int)
     if not sound.size or 2 * rows * columns < 3 * max(rows, columns):
@@ -72,7 +73,7 @@ def _is_exchanged(film: FrameSource) -> bool:
 
     # rows of a file may begin at the bottom
     return any(
-        apart(flat, rows) < _ALIKE * min(apart(flat, d) for d in (columns, (1 - _BESIDE) * rows, (1 + _BESIDE) * rows))
+        apart(flat, rows) < left * min(apart(flat, d) for d in (columns, (1 - beside) * rows, (1 + beside) * rows))
         for flat in (image.ravel(), image[::-1].ravel())
     )
 

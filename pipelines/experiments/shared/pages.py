@@ -165,7 +165,22 @@ def document(
         Section("What the verdict rests on", basis),
         *own[1:],
     ]
-    parts += [_problems(context), _ledger(context), _provenance(context)]
+    heads = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
+    work = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
+    shown = [row for row in work if row[-1] is not None or row[2].endswith("read")]
+    caption = "What was read, and the work that was skipped because no result depends on it."
+    counters = "\n".join(f"{name}/{step}: {what} {done}" for name, step, what, done, _ in work)
+    steps = (Table(heads, shown, caption=caption), Details("All counters of the solvers", text=counters))
+    found = dict(context.provenance)
+    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
+    heads = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
+    files = Table(heads, rows, caption="Raw files used for this page; none was changed.")
+    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
+    parts += [
+        _problems(context),
+        folded("Processing steps", counted(len(work), "count"), steps),
+        Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text))),
+    ]
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
@@ -212,30 +227,6 @@ def _problems(context: Context) -> Section:
         times = f" ({total} times)" if total > len(group) else ""
         blocks.append(Notice("warning", f"{stages}{f' [{names}]' if names else ''}: {text}{times}"))
     return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
-
-
-def _ledger(context: Context) -> Section:
-    """Show the work done and skipped for this page, and for other experiments behind it."""
-    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
-    rows = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
-    shown = [row for row in rows if row[-1] is not None or row[2].endswith("read")]
-    table = Table(
-        columns, shown, caption="What was read, and the work that was skipped because no result depends on it."
-    )
-    text = "\n".join(f"{name}/{step}: {work} {done}" for name, step, work, done, _ in rows)
-    return folded(
-        "Processing steps", counted(len(rows), "count"), (table, Details("All counters of the solvers", text=text))
-    )
-
-
-def _provenance(context: Context) -> Section:
-    """Show inputs with their digests, versions, and the settings."""
-    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
-    found = dict(context.provenance)
-    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
-    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
-    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
-    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
