@@ -134,17 +134,10 @@ def _fit(
         return (np.nan,) * 4
     step, since = float(np.median(np.diff(time))), time - float(np.mean(time))
 
-    def at(values: Floats) -> Floats:
-        return np.asarray(time + values[1] * step - values[2] * since)
-
     def rest(values: Floats) -> Floats:
-        return np.asarray((radius - values[0] * form(at(values))) / random)
+        return np.asarray((radius - values[0] * form(time + values[1] * step - values[2] * since)) / random)
 
-    def slopes(values: Floats) -> Floats:
-        rate = -values[0] * form.rate(at(values))
-        return np.column_stack([-form(at(values)), rate * step, -rate * since]) / random[:, None]
-
-    found = least_squares(rest, [1.0, 0.0, 0.0], slopes, method="lm")
+    found = least_squares(rest, [1.0, 0.0, 0.0], method="lm")
     size, shift, longer = found.x
     if abs(shift) > farthest or abs(longer) > longest:
         return (np.nan,) * 4

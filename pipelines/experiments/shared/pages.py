@@ -41,8 +41,6 @@ SYNTHETIC = "synthetic data"
 
 SESSION_PAGE = "index.html"
 """The page of the whole session, next to the folder of the reports."""
-
-
 LIMITS = "guide/limits.html"
 """The page of the models' limits, below the folder of the reports; the page of the session is written with it."""
 

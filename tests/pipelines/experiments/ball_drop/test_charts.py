@@ -19,14 +19,8 @@ def test_a_view_is_a_little_longer_than_its_contact_and_never_that_of_a_missing_
 
 def test_an_outlier_says_in_which_quantity() -> None:
     times = ("release_time", "first_contact_time", "settling_time", "rest_time", "u_rest_time")
-    fell = [
-        xr.Dataset(
-            {name: ((), 0.1, {"units": "s"}) for name in times}
-            | {"drop_height": ((), h, {"units": "m"}), "restitution": ("impact", [0.9])}
-        )
-        for h in (1.5e-3, 4.996e-3, 1.5e-3)
-    ]
+    known = {name: ((), 0.1, {"units": "s"}) for name in times} | {"restitution": ("impact", [0.9])}
+    fell = [xr.Dataset(known | {"drop_height": ((), h, {"units": "m"})}) for h in (1.5e-3, 4.996e-3, 1.5e-3)]
     repeats = xr.Dataset({"is_outlier": ("repeat", [False, True, False]), "impact": [1], "n_repeats": ("impact", [3])})
     shown = repr(list(_tables(SimpleNamespace(laser=["a", "b", "c"]), fell, repeats)))
-    assert shown.count("outlier: ") == 1
-    assert "outlier: fall 4.996 mm, others 1.500 mm" in shown
+    assert shown.count("outlier: ") == shown.count("outlier: fall 4.996 mm, others 1.500 mm") == 1
