@@ -63,35 +63,35 @@ def of_frames(
     ``is_copy`` (frame - 1,) are frames that are measured as the one before, which noise forbids. ``y`` and ``options``
     are those of :func:`exchanged`.
     """
-    level: Level | None = None
     steps, cause, text = np.diff(time), "", f"{time.size} frames in order"
     usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
     wrong, lost = np.flatnonzero(~(steps > 0)), np.flatnonzero(is_within & (steps > LONGER * usual))
+    level: Level | None = "impossible" if wrong.size else "doubtful" if lost.size else None
     if wrong.size:
-        level, at = "impossible", int(frame[wrong[0] + 1])
+        at = int(frame[wrong[0] + 1])
         text = f"frame {at} is not later than the one before ({wrong.size} such frames)"
         cause = f"frames are exchanged or repeated at frame {at}"
     elif lost.size:
-        level, count = "doubtful", int(np.sum(np.round(steps[lost] / usual) - 1))
+        count = int(np.sum(np.round(steps[lost] / usual) - 1))
         frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
         text = f"{count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
         cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
     yield Check("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
-    level, cause, text = None, "", "no frame equals the one before"
+    cause, text = "", "no frame equals the one before"
     if (copies := np.flatnonzero(is_copy)).size:
-        level, first = "doubtful", int(frame[copies[0] + 1])
+        first = int(frame[copies[0] + 1])
         frames = "frame equals" if copies.size == 1 else "frames equal"
         text = f"{copies.size} {frames} the one before, the first is frame {first}"
         cause = f"frame {first} is a repeated frame"
-    yield Check("frames differ", f"{film}: {text}", level, cause=cause, file=film)
+    yield Check("frames differ", f"{film}: {text}", "doubtful" if cause else None, cause=cause, file=film)
 
-    level, cause, text = None, "", "no frames are exchanged"
+    cause, text = "", "no frames are exchanged"
     if (places := exchanged(y, time=time, **options)) is not None:
-        level, (one, other) = "doubtful", (int(frame[place]) for place in places)
+        one, other = (int(frame[place]) for place in places)
         text = f"frames {one} and {other} show what would follow smoothly at each other's place"
         cause = f"frames {one} and {other} are exchanged"
-    yield Check("order of the frames", f"{film}: {text}", level, cause=cause, file=film)
+    yield Check("order of the frames", f"{film}: {text}", "doubtful" if cause else None, cause=cause, file=film)
 
 
 def exchanged(
