@@ -23,6 +23,7 @@ from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, flight_checks, judgements, record_checks
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
+from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G, Repeated
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of
@@ -81,13 +82,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     causes = [] if is_damaged else list(_causes(settings, read, records))
     first_contact, u_modulus = _first_contact(settings, model), judgements.u_modulus(sphere)
     gravity, of_falls = settings.model.gravity, list[list[Check]]()
+    floor = floor_under(settings.plate, given.get("plate"), sphere.mass)
     for fall, one in records:
         found = [
             fall_checks.acceleration(fall, gravity),
             fall_checks.height(fall, settings.height),
             fall_checks.restitution(fall),
             fall_checks.contact_duration(fall, first_contact, gravity, u_modulus),
-            fall_checks.levels(fall),
+            fall_checks.levels(fall, floor),
             fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
             *(course := flight_checks.of_flights(fall, one)),
         ]

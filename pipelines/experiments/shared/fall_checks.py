@@ -15,6 +15,7 @@ from scipy import special
 
 from labpipe.judging import DOUBTFUL, Check, Level, bounded, compared, in_words, not_made
 from labpipe.report import quantity, value_with_uncertainty as shown
+from labpipe.signals import Floor
 from labpipe.units import Quantity
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements import Title, Titles
@@ -117,25 +118,27 @@ def restitution(fall: Fall) -> Check:
     return bounded(_RESTITUTION, text, float(held[worst]), float(u[worst]), **place)
 
 
-def levels(fall: Fall) -> Check:
-    """Compare the levels of later touches, and of rest, with that of the first touch.
+def levels(fall: Fall, floor: Floor | None = None) -> Check:
+    """Compare the levels of later touches and of rest with that of the first touch.
 
-    No weight approaches a floor as far as an impact does, and no dent or motion of a plate is as large as a later
-    impact is deep.
+    They differ by no more than the deepest impact, and touches on a known ``floor`` by no more than an impact's own
+    depth and the floor's oscillation: no dent is as deep as the impact on it, nor does a weight approach it as far.
     """
-    touch, u_touch, depth = (fall.values(of) for of in ("touch_level", "u_touch_level", "penetration"))
-    (rest, u_rest), deepest = fall.value("rest_level"), float(np.nanmax(depth))
-    gaps = np.append(touch, rest) - touch[0]
-    u, allowed = np.hypot(np.append(u_touch, u_rest), u_touch[0]), np.append(depth, deepest)
-    known = np.flatnonzero(np.isfinite(gaps * u * allowed) & (gaps != 0.0))
+    depth = fall.values("penetration")
+    level, u_level = (np.append(fall.values(f"{u}touch_level"), fall.values(f"{u}rest_level")) for u in ("", "u_"))
+    gaps, u, allowed = level[1:] - level[0], np.hypot(u_level[1:], u_level[0]), np.full(depth.size, np.nanmax(depth))
+    if floor is not None:
+        blows = np.nan_to_num(fall.values("incoming_speed") + fall.values("outgoing_speed"))
+        allowed[:-1] = depth[1:] + floor.share * np.linalg.norm(blows) / (2.0 * pi * floor.frequency)
+    known = np.flatnonzero(np.isfinite(gaps * u * allowed))
     if not known.size:
         return not_made("level at rest", "two impacts, or a record that lasts until rest")
-    k = int(max(known, key=lambda i: (abs(gaps[i]) - allowed[i]) / u[i]))
-    gap, own, where = float(gaps[k]), float(u[k]), f"touch {k + 1}" if k < touch.size else "rest"
+    k = known[np.argmax((np.abs(gaps) - allowed)[known] / u[known])]
+    gap, own, where = float(gaps[k]), float(u[k]), "rest" if k == depth.size - 1 else f"touch {k + 2}"
     text = f"{fall.name}: {where} is {shown(gap, own, 'm')} from first touch"
     place: dict[str, Any] = {"allowance": float(allowed[k]), "file": fall.name, "otherwise": _ROLLED}
     check = compared("level at rest", text, gap, own, 0.0, 0.0, factor=False, **place)
-    return check if abs(gap) > deepest or not check.level else replace(check, level="doubtful")
+    return check if not check.level or abs(gap) > np.nanmax(depth) else replace(check, level="doubtful")
 
 
 class Repeated(NamedTuple):
