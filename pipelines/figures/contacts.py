@@ -133,7 +133,8 @@ def spots(inputs: Inputs) -> Drawing:
     name = next(iter(inputs.of_kind("contact_area")))
     keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
     model, made = inputs.result(name, "model"), inputs.result(name, "comparison")
-    size = float(inputs.result(name, "radius")["pixel_size"]) * 1e6
+    film = inputs.result(name, "radius")
+    size = float(film["pixel_size"]) * 1e6
     first = _first_contact(inputs, name)
     chosen = [
         (_key_at(keys, float(t)), float(r) * 1e6, "I" * number)
@@ -144,12 +145,11 @@ def spots(inputs: Inputs) -> Drawing:
     aspect = 0.12 + len(chosen) * (0.09 + 0.86 * _shown_share(keys, size))
     with panels(len(chosen), 1, width=1, aspect=aspect, sharex="all") as (figure, axes):
         for number, (key, radius, word) in enumerate(chosen):
-            at = keys.isel(key=key)
-            place = axes[number, 0]
-            _spot(place, at, radius, size, float(keys["reduction"]))
+            at, place = keys.isel(key=key), axes[number, 0]
+            fitted = _spot(place, at, film, radius)
             place.set_ylabel("y (µm)")
             letter(place, _LETTERS[number], f"{word}, $t_c$ = {(float(at['key_time']) - first) * 1e3:.1f} ms")
-            notes.append(f"{word}: {float(at['circle_radius']) * size:.1f} µm in this frame, model {radius:.1f} µm")
+            notes.append(f"{word}: {fitted:.1f} µm in this frame, model {radius:.1f} µm")
         axes[-1, 0].set_xlabel("x (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
@@ -177,15 +177,18 @@ def _shown_share(keys: Any, size: float, reach: float = 1250.0) -> float:
     return rows * scale / min(columns * scale, 2 * reach)
 
 
-def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: float, reach: float = 1250.0) -> None:
-    """Draw one frame around the fitted centre, in µm, with the model's circle where there is one."""
-    x, y = (float(at[f"circle_{axis}"]) for axis in "xy")
+def _spot(place: Any, at: Any, film: Any, radius: float | None, reach: float = 1250.0) -> float:
+    """Draw a frame around its fitted centre, in µm, with the model's circle if there is one; return the fitted radius.
+
+    ``film`` holds the results of all frames.
+    """
+    found, size, reduction = film.sel(frame=int(at["frame"])), float(film["pixel_size"]) * 1e6, float(at["reduction"])
+    x, y, fitted = float(found["centre_x"]), float(found["centre_y"]), float(found["radius"]) * 1e6
     rows, columns = at["image"].shape
     # Pixel centres are whole numbers: the image reaches half a pixel further on every side.
     left, right = (-0.5 - x) * size, (columns * reduction - 0.5 - x) * size
     low, high = (-0.5 - y) * size, (rows * reduction - 0.5 - y) * size
     place.imshow(at["image"].values, cmap="gray", extent=(left, right, -high, -low), interpolation="nearest")
-    fitted = float(at["circle_radius"]) * size
     if radius is not None:
         place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0, label="model"))
     place.add_patch(
@@ -193,25 +196,26 @@ def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: flo
     )
     place.set(xlim=(max(left, -reach), min(right, reach)), ylim=(-high, -low))
     place.grid(visible=False)
+    return fitted
 
 
 def heated(inputs: Inputs) -> Drawing:
     """Figure 3.16: contact radius and images at room temperature and heated, first impacts and at rest."""
     pair = _temperatures(inputs)
     looks = ({"color": "#0066a6", "marker": "o"}, {"color": "#cc2a1e", "marker": "s"})
-    sizes = [float(inputs.result(name, "radius")["pixel_size"]) * 1e6 for name, _ in pair]
-    share = max(_shown_share(inputs.result(pair[0][0], "keys"), sizes[0]), 0.12)
+    films = [inputs.result(name, "radius") for name, _ in pair]
+    share = max(_shown_share(inputs.result(pair[0][0], "keys"), float(films[0]["pixel_size"]) * 1e6), 0.12)
     ratios = (1.0, share, share)
     with panels(3, _IMPACTS + 1, width=2, aspect=0.14 + 0.25 * sum(ratios), height_ratios=ratios) as (figure, axes):
         rise = _rises(inputs, pair[0][0])
-        for row, (look, size, (name, label)) in enumerate(zip(looks, sizes, pair, strict=True), start=1):
+        for row, (look, (name, label)) in enumerate(zip(looks, pair, strict=True), start=1):
             for number in range(_IMPACTS):
                 _heated_impact(axes[0, number], inputs, name, label, number, float(rise[number]), look)
             _heated_rest(axes[0, _IMPACTS], inputs, name, label, look)
             keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
             frames = [_key_at(keys, t) for t in impacts["peak_time"].values[:_IMPACTS]] + [keys.sizes["key"] - 1]
             for place, key in zip(axes[row], frames, strict=True):
-                _spot(place, keys.isel(key=key), None, size, float(keys["reduction"]))
+                _spot(place, keys.isel(key=key), films[row - 1], None)
                 place.set(yticks=[], xticks=(-500, 0, 500))
                 place.tick_params(labelbottom=row == len(pair))
                 for edge in place.spines.values():

@@ -89,6 +89,10 @@ def _refocused(film: xr.Dataset) -> xr.Dataset:
     return film.assign(centre_x=film["centre_x"] + 10.0 * (film["frame"] >= 182))
 
 
+def _by_edge(film: xr.Dataset) -> xr.Dataset:
+    return film.assign(method=film["method"].copy(data=2 * film["method"].values))
+
+
 def _copied(film: xr.Dataset) -> xr.Dataset:
     for name in ("centre_x", "centre_y"):
         film[name].values[180] = film[name].values[179]
@@ -138,7 +142,7 @@ ROWS = (
     Row("film backwards", "impossible", ("reverse order",), _frames(lambda i: i[::-1])),
     Row("sphere at rest", "impossible", ("at rest",), _at_rest),
     # view and light
-    Row("lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)),
+    Row("lens out of focus", "doubtful", ("not resolved",), _by_edge),
     Row("lens refocused in a contact", "doubtful", ("frame 182", "10 px", "refocused"), _refocused),
     Row(
         "over-exposed by far",
@@ -162,15 +166,15 @@ def film() -> xr.Dataset:
         "u_radius": u,
         "radius_systematic": 2.2e-3 * np.where(seen, a, np.nan),
         "in_contact": seen,
-        "method": np.where(seen, 1, 0),
         "valid": np.ones(_COUNT, bool),
         "centre_x": random.normal(200.0, 0.01, _COUNT),
         "centre_y": random.normal(60.0, 0.01, _COUNT),
         "u_centre_x": np.full(_COUNT, 0.01),
         "u_centre_y": np.full(_COUNT, 0.01),
     }
+    flags = {"flag_values": [0, 1, 2], "flag_meanings": "none fringe_fit edge"}
     return xr.Dataset(
-        {name: ("frame", array) for name, array in values.items()},
+        {name: ("frame", array) for name, array in values.items()} | {"method": ("frame", 1 * seen, flags)},
         {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT), "pixel_size": 2.17e-6},
         {"phase_scale_ratio": 1.0, "u_phase_scale_ratio": 1e-3, "u_systematic_relative": 2.2e-3, "light": _lit()},
     )

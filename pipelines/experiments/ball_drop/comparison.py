@@ -25,15 +25,11 @@ from pipelines.experiments.shared.comparison_rows import (
 )
 from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.drop_model import slopes_of
+from pipelines.experiments.shared.fall_checks import GUIDE
 
 RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
 SCALE = "scale of length (gain and inclination)"
 """Input of the rows in addition to those of the model: the laser's gain and inclination together."""
-_U_GRAVITY = 0.01  # m/s2; where the record gives no acceleration of the fall
-_LOST, _PHASE = 0.03, 0.25
-"""Uncertainty of an impact's time, as part of the flight before and in radians of the plate's oscillation, from which
-effects of the inputs are not linear: at twice 0.25 rad the plate's speed leaves its tangent by an eighth of its
-amplitude, which moves the next apex by about its uncertainty."""
 
 
 def comparison(
@@ -57,6 +53,7 @@ def comparison(
     count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
     shown = min(IMPACTS, count)
     interval = float(np.median(np.diff(repeats["time"])))
+    gravity = settings.model.gravity.value
     every = max(1, round(interval / float(model["time"][1] - model["time"][0])))
     seen = signals.as_fitted(
         model["displacement"][::every],
@@ -64,8 +61,8 @@ def comparison(
         np.append(model["contact_duration"].values, np.nan)[: shown + 1],
         shown,
         noise=repeats.attrs["noise"],
-        gravity=settings.model.gravity.value,
-        u_gravity=float(repeats.get("u_fall_acceleration", _U_GRAVITY)),
+        gravity=gravity,
+        u_gravity=float(repeats.get("u_fall_acceleration", GUIDE * gravity)),
         contact=settings.analysis.contact,
         floor=floor_under(settings.plate, plate, settings.sphere.mass),
     ).reindex(impact=np.arange(1, count + 1))
@@ -87,13 +84,18 @@ def comparison(
     return made
 
 
-def foreseen(model: xr.Dataset) -> int:
-    """Return the number of first impacts whose times a simulated drop gives well enough to propagate uncertainties."""
+def foreseen(model: xr.Dataset, lost: float = 0.03, turned: float = 0.25) -> int:
+    """Return the number of first impacts whose times a simulated drop gives well enough to propagate uncertainties.
+
+    Effects of the inputs are not linear from an uncertainty of the time on that is the ``lost`` part of the flight
+    before, or by which the plate has ``turned`` [rad] in its oscillation: at twice 0.25 rad its speed leaves the
+    tangent by an eighth of its amplitude, which moves the next apex by about its uncertainty.
+    """
     touches, u = (model[name].values[:FOLLOWED] for name in ("impact_time", "u_impact_time"))
     plate = json.loads(model.attrs["plate"])
     phase = 0.0 * u if plate is None else 2.0 * np.pi * plate["frequency"] * u
-    lost = np.flatnonzero((u > _LOST * np.diff(touches, prepend=0.0)) | (phase > _PHASE))
-    return int(lost[0]) if lost.size else FOLLOWED
+    beyond = np.flatnonzero((u > lost * np.diff(touches, prepend=0.0)) | (phase > turned))
+    return int(beyond[0]) if beyond.size else FOLLOWED
 
 
 def _along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -> Agreement | None:

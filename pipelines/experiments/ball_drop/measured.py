@@ -77,15 +77,38 @@ def repeats(
     random = made["displacement_sd"].values / np.sqrt(np.maximum(made["n"].values, 1))
     u = np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values)
     made["u_displacement_mean"] = variable("time", u, "m", "standard uncertainty: mean displacement")
-    made = made.merge(_table(bounces, relative))
+    # every bounce over the repeats that show it; touch times since first contact
+    count = max(b.sizes["impact"] for b in bounces)
+
+    def of_all(name: str) -> Floats:
+        return np.array([padded(b[name].values, count) for b in bounces])
+
+    first, unknown = bounces[0], bounces[0]["unknown"].values
+    of_noise = np.char.startswith(unknown.astype(str), NOISE)
+    table: dict[str, Any] = {}
+    for name in _PER_IMPACT:
+        values, own, attrs = of_all(name), of_all(f"u_{name}"), first[name].attrs
+        if name == "touch_time":
+            values = values - starts[:, None]
+        shape = of_all(f"shared_u_{name}") if f"shared_u_{name}" in first else 0.0 * values
+        scale = relative * np.nanmean(values, axis=0) * (name in _LENGTHS)
+        mean, u, scatter, n = _mean(values, own, np.nanmean(shape**2, axis=0) + scale**2)
+        table |= with_u(name, "impact", mean, u, attrs["units"], attrs["long_name"])
+        text = f"standard deviation over repeats: {name}"
+        table[f"{name}_sd"] = variable("impact", np.where(n > 1, scatter, np.nan), attrs["units"], text)
+        if (of_unknowns := f"common_{name}") in first:
+            parts = np.nanmean(of_all(of_unknowns), axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
+            table[of_unknowns] = variable(("impact", "unknown"), parts, attrs["units"], f"by common unknowns: {name}")
+    table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
+    made = made.merge(xr.Dataset(table, coords={"impact": np.arange(1, count + 1), "unknown": unknown}))
     # of the acceleration of the free fall scale and clock are those of all repeats
     g, own = (np.array([float(b[f"{u}fall_acceleration"]) for b in bounces]) for u in ("", "u_"))
     known = np.isfinite(g) & np.isfinite(own)
     if known.any():
-        mean, u, *_ = map(float, _mean(g[known], own[known], 0.0))
+        mean_g, u_g, *_ = map(float, _mean(g[known], own[known], 0.0))
         clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
-        u = float(np.linalg.norm([u, mean * relative, 2 * mean * clock]))
-        made = made.assign(with_u("fall_acceleration", (), mean, u, "m/s2", "acceleration of the free fall"))
+        u_g = float(np.linalg.norm([u_g, mean_g * relative, 2 * mean_g * clock]))
+        made = made.assign(with_u("fall_acceleration", (), mean_g, u_g, "m/s2", "acceleration of the free fall"))
     noise = float(np.mean([b.attrs["noise"] for b in bounces]))
     made.attrs = {"u_systematic_relative": relative, "noise": noise}
     return made
@@ -98,31 +121,3 @@ def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, 
     stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
     apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
     return mean, np.hypot(apart, np.sqrt(shared)), scatter, n
-
-
-def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
-    """Mean of every bounce over the repeats that show it; touch times since first contact."""
-    count = max(b.sizes["impact"] for b in bounces)
-
-    def of_all(name: str) -> Floats:
-        return np.array([padded(b[name].values, count) for b in bounces])
-
-    first, unknown = bounces[0], bounces[0]["unknown"].values
-    of_noise = np.char.startswith(unknown.astype(str), NOISE)
-    begins = np.array([float(b["first_contact_time"]) for b in bounces])[:, None]
-    table: dict[str, Any] = {}
-    for name in _PER_IMPACT:
-        values, own, attrs = of_all(name), of_all(f"u_{name}"), first[name].attrs
-        if name == "touch_time":
-            values = values - begins
-        shape = of_all(f"shared_u_{name}") if f"shared_u_{name}" in first else 0.0 * values
-        scale = relative * np.nanmean(values, axis=0) * (name in _LENGTHS)
-        mean, u, scatter, n = _mean(values, own, np.nanmean(shape**2, axis=0) + scale**2)
-        table |= with_u(name, "impact", mean, u, attrs["units"], attrs["long_name"])
-        text = f"standard deviation over repeats: {name}"
-        table[f"{name}_sd"] = variable("impact", np.where(n > 1, scatter, np.nan), attrs["units"], text)
-        if (of_unknowns := f"common_{name}") in first:
-            parts = np.nanmean(of_all(of_unknowns), axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
-            table[of_unknowns] = variable(("impact", "unknown"), parts, attrs["units"], f"by common unknowns: {name}")
-    table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
-    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1), "unknown": unknown})

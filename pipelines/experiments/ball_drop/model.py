@@ -89,30 +89,20 @@ def path_by_input(made: xr.Dataset) -> Iterator[Floats]:
 
     Times count from the first contact; NaN after the last impact whose sensitivities were found.
     """
-    time, path = made["time"].values, made["displacement"].values
+    time, path, speed = (made[name].values for name in ("time", "displacement", "velocity"))
     touches, durations, depths = (made[name].values for name in _OF_CONTACT)
     for i, u in enumerate(made["input_u"].values):
         if u > 0.0 and touches.size:
-            slope, longer, deeper = (made[f"slope_{name}"].values[i][:FOLLOWED] for name in _OF_CONTACT)
+            slope, longer, deeper = (u * made[f"slope_{name}"].values[i][:FOLLOWED] for name in _OF_CONTACT)
             whole = np.isfinite(durations[: slope.size] + depths[: slope.size] + longer + deeper)
             count = int(np.cumprod(whole).sum())  # a contact that the end of the record cuts has neither
             pairs = (touches, durations), (slope, longer)
             nodes, later = (np.stack((a[:count], a[:count] + b[:count]), axis=1).ravel() for a, b in pairs)
-            deeper = deeper[:count] / depths[:count]
-            faster = float(made["slope_impact_speed"].values[i][0])
-            fall = np.where(time < touches[0], faster * (touches[0] - time), 0.0)
-            up, down = (_moved(time, path, nodes, by * later, by * deeper) + by * fall for by in (u, -u))
-            yield 0.5 * (up - down)
-
-
-def _moved(time: Floats, path: Floats, nodes: Floats, later: Floats, deeper: Floats) -> Floats:
-    """Return the path (time,) whose touches and lift-offs (2 impact,) come later; contacts are deeper by a share."""
-    moved = nodes + later
-    # a shift as long as a flight says nothing of the path any more
-    if not moved.size or not np.all(np.diff(moved) > 0.0):
-        return np.full(time.shape, np.nan)
-    last = np.searchsorted(moved, time, side="right") - 1
-    found = np.interp(np.where(last < 0, time, np.interp(time, moved, nodes, right=np.nan)), time, path)
-    higher = np.square(np.diff(moved) / np.diff(nodes))
-    higher[::2] = 1.0 + deeper
-    return np.where(last < 0, found, found * np.append(higher, 1.0)[last])
+            # all comes later by as much as touch and lift-off do; a flight that lasts longer is higher by the square
+            higher = np.full(nodes.size + 1, np.nan)
+            higher[1:-1] = 2.0 * np.diff(later) / np.diff(nodes)
+            higher[1::2] = deeper[:count] / depths[:count]
+            faster = u * float(made["slope_impact_speed"].values[i][0])
+            shift = np.interp(time, nodes, later) if count else np.nan
+            moved = path * higher[np.searchsorted(nodes, time)] - speed * shift
+            yield np.where(time < touches[0], faster * (touches[0] - time), moved)

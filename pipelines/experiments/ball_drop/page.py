@@ -1,6 +1,6 @@
 """The report of a ball drop."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -40,10 +40,19 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
     """
     views = pages.impact_views(repeats["touch_time"].values, repeats["contact_duration"].values)
     chart = partial(pages.chart, x="time since first contact / ms", group="drop", views=views, height_px=220)
-    curves = {name: _measured(name, repeats) for name in ("displacement", "velocity")}
-    caption, apart = "", list[LineChart]()
+    caption, apart, measured = "", list[LineChart](), repeats["time"].values
+    curves: dict[str, list[Series]] = {"displacement": [], "velocity": []}
     if is_repeated := repeats.sizes["repeat"] > 1:
         caption = "Mean of the repeats with the band of ± 2 standard deviations; point at the chart to show each."
+    for name, drawn in curves.items():
+        mean = repeats[f"{name}_mean"].values
+        if is_repeated:
+            wide = 2 * repeats[f"{name}_sd"].values
+            drawn.append(Band(_SPREAD, measured, mean - wide, mean + wide, role="measured"))
+            for n, is_out, values in zip(*(repeats[of].values for of in ("repeat", "is_outlier", name)), strict=True):
+                text = f"repeat {int(n)}{' (outlier)' * bool(is_out)}"
+                drawn.append(Series(text, measured, values, role="repeat", on_hover=True))
+        drawn.append(Series("mean of the repeats", measured, mean, role="measured"))
     if model is not None:
         since = model["time"].values - float(model["impact_time"][0])
         low, high = path_limits(model)
@@ -57,7 +66,7 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
     if model is not None and comparison is not None:
         time = comparison["time"].values
         below, above = (np.interp(time, since, end - model["displacement"].values) for end in (low, high))
-        drawn: list[Series] = [Band("model, earliest to latest", time, below, above, role="model")]
+        drawn = [Band("model, earliest to latest", time, below, above, role="model")]
         if is_repeated:
             wide = 2 * repeats["displacement_sd"].sel(time=time).values
             drawn.append(Band(_SPREAD, time, -wide, wide, role="repeat"))
@@ -76,42 +85,28 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.
     return Section("Motion", (moved, *apart, *others))
 
 
-def _measured(name: str, repeats: xr.Dataset) -> list[Series]:
-    """Give the mean, and behind it the band and each repeat where there are several."""
-    time, mean = repeats["time"].values, repeats[f"{name}_mean"].values
-    curve = Series("mean of the repeats", time, mean, role="measured")
-    if repeats.sizes["repeat"] < 2:
-        return [curve]
-    wide = 2 * repeats[f"{name}_sd"].values
-    flagged = zip(repeats["repeat"].values, repeats["is_outlier"].values, repeats[name].values, strict=True)
-    single = [
-        Series(f"repeat {int(n)}{' (outlier)' * bool(flag)}", time, values, role="repeat", on_hover=True)
-        for n, flag, values in flagged
-    ]
-    return [Band(_SPREAD, time, mean - wide, mean + wide, role="measured"), *single, curve]
-
-
-def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    counts = [
-        Listed(of, repeats[n].values.astype(int).tolist()) for n, of in (("impact",) * 2, ("n_repeats", "repeats"))
-    ]
-    titles = {"touch_time": "touch", "incoming_speed": "speed in", "outgoing_speed": "speed out"}
-    apart = {"touch_time": "touch", "restitution": "restitution"}
-    differences = {f"{name}_difference": f"{title}, measured − model" for name, title in apart.items()}
-    found = (*pages.columns(repeats, titles | apart), *pages.columns(comparison, differences))
-    caption = (
-        "Mean over the repeats that show the bounce, standard uncertainty. Touch times count from the first touch."
-    )
-    if comparison is not None:
-        caption += (
-            f" At most {FOLLOWED} impacts are compared with the model, whose uncertainty from its inputs is included; "
-            f"the restitutions of the first {IMPACTS} by the same fit to the model's motion."
+def _tables(
+    settings: BallDrop,
+    bounces: Sequence[xr.Dataset | None],
+    repeats: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
+) -> Iterator[Section]:
+    """List every bounce, and every recording with the phases of its motion: bouncing, vibration, rest."""
+    if repeats is not None:
+        counts = [
+            Listed(of, repeats[n].values.astype(int).tolist()) for n, of in (("impact",) * 2, ("n_repeats", "repeats"))
+        ]
+        titles = {"touch_time": "touch", "incoming_speed": "speed in", "outgoing_speed": "speed out"}
+        apart = {"touch_time": "touch", "restitution": "restitution"}
+        differences = {f"{name}_difference": f"{title}, measured − model" for name, title in apart.items()}
+        shown = (*pages.columns(repeats, titles | apart), *pages.columns(comparison, differences))
+        caption = (
+            "Mean over the repeats that show the bounce, standard uncertainty. Touch times count from the first touch."
         )
-    return Section("Bounces", (listed((*counts, *found), caption),))
-
-
-def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None = None) -> Section:
-    """List every recording with the phases of its motion: bouncing, vibration, rest."""
+        if comparison is not None:
+            caption += f" At most {FOLLOWED} impacts are compared with the model, whose uncertainty from its inputs is "
+            caption += f"included; the restitutions of the first {IMPACTS} by the same fit to the model's motion."
+        yield Section("Bounces", (listed((*counts, *shown), caption),))
     flags = np.zeros(len(bounces), bool) if repeats is None else repeats["is_outlier"].values.astype(bool)
     known = [i for i, each in enumerate(bounces) if each is not None]
     found = pages.present(bounces)
@@ -119,12 +114,16 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
         np.array([float(each[f"{which}_time"]) for each in found])
         for which in ("first_contact", "settling", "rest", "u_rest")
     )
-    remarks = [
-        "; ".join(
-            [_apart(found, at)] * bool(flags[i]) + ["still moving when the recording ends"] * (not np.isfinite(end))
-        )
-        for at, (i, end) in enumerate(zip(known, rest, strict=True))
-    ]
+    remarks = list[str]()
+    for at, (i, end) in enumerate(zip(known, rest, strict=True)):
+        texts: dict[float, str] = {}  # by how much the recording differs from the others
+        for name, title, unit in (("drop_height", "fall", "m"), ("restitution", "first restitution", "1")):
+            values = np.array([float(np.atleast_1d(each[name].values)[0]) for each in found])
+            others = float(np.nanmedian(np.delete(values, at))) if flags[i] else np.nan
+            own, usual = (quantity(value, unit, 4) for value in (float(values[at]), others))
+            texts[abs(float(values[at]) / others - 1.0)] = f"outlier: {title} {own}, others {usual}"
+        is_moving = ["still moving when the recording ends"] * (not np.isfinite(end))
+        remarks.append("; ".join([texts[max(texts)]] * bool(flags[i]) + is_moving))
     columns = (
         Listed("recording", [settings.laser[i] for i in known]),
         *pages.columns(found, {"release_time": "release"}, has_u=False),
@@ -140,18 +139,7 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
         "last resolved flight, vibration until the speed stays below a hundredth of that of the first impact, static "
         "from then on. Outliers of the displacement are flagged; all recordings are in the means."
     )
-    return Section("Repeats", (listed(columns, text),))
-
-
-def _apart(found: Sequence[xr.Dataset], at: int) -> str:
-    """Say in which quantity a recording differs most from the others, ``"outlier: fall 4.996 mm, others 1.500 mm"``."""
-    texts: dict[float, str] = {}
-    for name, title, unit in (("drop_height", "fall", "m"), ("restitution", "first restitution", "1")):
-        values = np.array([float(np.atleast_1d(each[name].values)[0]) for each in found])
-        others = float(np.nanmedian(np.delete(values, at)))
-        shown = [quantity(value, unit, 4) for value in (float(values[at]), others)]
-        texts[abs(float(values[at]) / others - 1.0)] = f"outlier: {title} {shown[0]}, others {shown[1]}"
-    return texts[max(texts)]
+    yield Section("Repeats", (listed(columns, text),))
 
 
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:
@@ -191,7 +179,7 @@ page = Report(
     subtitle=lambda settings: f"Ball drop from {pages.stated(settings.height)}",
     shown=("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
     rows=rows,
-    sections=(motion, _bounces, _recordings, pages.recordings, _model),
+    sections=(motion, _tables, pages.recordings, _model),
     budget=quantities,
     methods=_methods,
 )

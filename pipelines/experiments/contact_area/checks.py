@@ -8,16 +8,17 @@ from math import hypot, inf, isfinite, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Cause, Check, Level, bounded, compared, in_words, not_made
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, largest_radii, rows
-from pipelines.experiments.contact_area.measured import READ, edges_only
+from pipelines.experiments.contact_area.measured import edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import SOURCES, of_drop
 from pipelines.experiments.shared.film_checks import LONGER, exposed, exposure_stated, of_film, of_frames, wrong_rate
+from pipelines.experiments.shared.film_frames import meanings
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
@@ -69,11 +70,28 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks += _of_frames(radius, impacts, settings)
         checks += _of_contacts(radius, settings)
     checks += given.each([_of_impacts])
-    causes = given.each([_causes])
+    own = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
+    of_radius, of_height = {FRINGE: 1.0, RADIUS: -0.4}, {FLIGHT: -0.5, RADIUS: -0.2}
+    mass = judgements.stated_wrongly({RADIUS: -0.2}, "the moving mass", sphere.mass, "sphere.mass", "mass", inf)
+
+    def of_mass(k: float) -> str:
+        other = f"some {in_words(max(k, 1 / k), 1)} times {'stiffer' if k > 1.0 else 'softer'} in the impact"
+        return f"{mass.say(k)}; or the polymer is another than stated, {other}"
+
+    causes = [
+        judgements.wrong_scale({FRINGE: -2.0, RADIUS: 1.0}, settings.camera, own or inf),
+        judgements.stated_wrongly(of_radius, "the sphere's radius", sphere.radius, "sphere.radius"),
+        wrong_rate({FLIGHT: -1.0}, settings.frame_rate, radius, settings.film, fall_checks.CLOCK),
+        judgements.stated_wrongly(of_height, "the drop height", settings.height, "height"),
+        replace(mass, say=of_mass, only_usual=True),
+    ]
+    if (light := settings.wavelength) is not None:
+        colour = judgements.stated_wrongly({FRINGE: 1.0}, "the wavelength", light, "wavelength")
+        lines = tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01)
+        causes.insert(0, replace(colour, usual=lines, slack=_OF_LINES))
     if any(check.name == RADIUS and check.level for check in checks):  # which no clock changes
         causes = [cause for cause in causes if set(cause.effects) != {FLIGHT}]
-    inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
-    inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
+    inputs = {SCALE: Quantity(1.0, own, "1")} | inputs_of(given.get("model")) | ({WAVELENGTH: light} if light else {})
     return Scene(
         checks,
         causes,
@@ -139,8 +157,8 @@ def _of_contacts(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
             cause = exposed(radius, film).cause or f"{cause}covered"
         yield Check("fringes are resolved", message, level, cause=cause, file=film)
 
-    name, known = "place of the contacts", np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
-    at = np.flatnonzero(known)
+    name, method = "place of the contacts", meanings(radius["method"])
+    at = np.flatnonzero(np.isfinite(radius["radius"].values) & (method != "between_equal_frames") & (method != "none"))
     if at.size < 2:
         yield not_made(name, "contacts in two frames, and their centres")
         return
@@ -213,26 +231,3 @@ def _of_impacts(
     flight = compared(FLIGHT, text, first, 0.0, expected, u_expected, file=film)
     # where impacts do not follow each other another flight is compared with the stated height
     yield from judgements.because([flight], cause, FLIGHT, log_ratio=nan)
-
-
-def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
-    light, sphere = settings.wavelength, settings.sphere
-    if light is not None:
-        colour = judgements.stated_wrongly({FRINGE: 1.0}, "the wavelength", light, "wavelength")
-        lines = tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01)
-        yield replace(colour, usual=lines, slack=_OF_LINES)
-    relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
-    of_lengths = {FRINGE: -2.0, RADIUS: 1.0}
-    yield judgements.wrong_scale(of_lengths, settings.camera, relative or inf)
-    of_radius = {FRINGE: 1.0, RADIUS: -0.4}
-    yield judgements.stated_wrongly(of_radius, "the sphere's radius", sphere.radius, "sphere.radius")
-    yield wrong_rate({FLIGHT: -1.0}, settings.frame_rate, radius, settings.film, fall_checks.CLOCK)
-    of_height = {FLIGHT: -0.5, RADIUS: -0.2}
-    yield judgements.stated_wrongly(of_height, "the drop height", settings.height, "height")
-    mass = judgements.stated_wrongly({RADIUS: -0.2}, "the moving mass", sphere.mass, "sphere.mass", "mass", inf)
-
-    def of_mass(k: float) -> str:
-        other = f"some {in_words(max(k, 1 / k), 1)} times {'stiffer' if k > 1.0 else 'softer'} in the impact"
-        return f"{mass.say(k)}; or the polymer is another than stated, {other}"
-
-    yield replace(mass, say=of_mass, only_usual=True)

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
-from labpipe.judging import Agreement, along_curve
+from labpipe.judging import along_curve
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.measured import STILL, WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -22,10 +22,6 @@ SCALE = "scale of the image"
 WAVELENGTH = "wavelength"
 FRAMES = "radius in all frames alike"
 """Of the rows: what frames have in common beside the length of a pixel, as the light's phase."""
-
-_MOST_SHIFT = 2.0
-"""Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
-_MOST_LONGER = 0.3  # by which a contact may last longer than in the model and still have its form
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
@@ -91,7 +87,12 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
         left, of_impact[i] = ours - theirs, (form.peak, *fit)
         deviation = float(np.sqrt(np.mean(left**2))) / max(float(np.max(theirs)), 1e-12)
-        agreed.append((_along(moments, left, own, common, form, relative), deviation, float(np.mean(left))))
+        along = None
+        if ours.size >= _FEWEST:  # each frame with its own noise
+            step, middle, rate = float(np.median(np.diff(moments))), float(np.mean(moments)), form.rate(moments)
+            effects = [common, relative * theirs, -2.0 * relative * (moments - middle) * rate, step * rate]
+            along = along_curve(left, own, effects)
+        agreed.append((along, deviation, float(np.mean(left))))
     peak, size, u_size, shift, u_shift = of_impact.T
     largest, u_largest = (model[f"{u}peak_contact_radius"].values[:count] for u in ("", "u_"))
     # where the frames of a whole contact are too few, its largest radius alone
@@ -121,34 +122,24 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     )
 
 
-def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: Form, relative: float) -> Agreement | None:
-    """Compare the frames of a contact with the model, each with its own noise."""
-    if time.size < _FEWEST:
-        return None
-    step, since, rate = float(np.median(np.diff(time))), time - float(np.mean(time)), form.rate(time)
-    effects = [shared, relative * form(time), -2.0 * relative * since * rate, step * rate]
-    return along_curve(left, random, effects)
+def _fit(
+    time: Floats, radius: Floats, random: Floats, alike: float, form: Form, farthest: float = 2.0, longest: float = 0.3
+) -> tuple[float, ...]:
+    """Fit size (relative), shift [s] and duration of a model's contact; return the first two with their u, or NaN.
 
-
-def _fit(time: Floats, radius: Floats, random: Floats, alike: float, form: Form) -> tuple[float, ...]:
-    """Fit size (relative), shift [s] and duration of a model's contact; return the first two with their u, or NaN."""
+    The largest radius lies between frames: the model is shifted by the ``farthest`` interval of frames at most. A
+    contact that lasts longer by more than the ``longest`` share does not have its form.
+    """
     if time.size < _FEWEST:
         return (np.nan,) * 4
     step, since = float(np.median(np.diff(time))), time - float(np.mean(time))
 
-    def at(values: Floats) -> Floats:
-        return np.asarray(time + values[1] * step - values[2] * since)
-
     def rest(values: Floats) -> Floats:
-        return np.asarray((radius - values[0] * form(at(values))) / random)
+        return np.asarray((radius - values[0] * form(time + values[1] * step - values[2] * since)) / random)
 
-    def slopes(values: Floats) -> Floats:
-        rate = -values[0] * form.rate(at(values))
-        return np.column_stack([-form(at(values)), rate * step, -rate * since]) / random[:, None]
-
-    found = least_squares(rest, [1.0, 0.0, 0.0], slopes, method="lm")
+    found = least_squares(rest, [1.0, 0.0, 0.0], method="lm")
     size, shift, longer = found.x
-    if abs(shift) > _MOST_SHIFT or abs(longer) > _MOST_LONGER:
+    if abs(shift) > farthest or abs(longer) > longest:
         return (np.nan,) * 4
     scatter = max(2.0 * float(found.cost) / (time.size - found.x.size), 1.0)
     normal = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True)

@@ -14,19 +14,16 @@ from numpy.polynomial import Polynomial
 import calibration
 from calibration import camera as camera_scale
 from labpipe import imaging
-from labpipe.arrays import Flags, Floats, Integers
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, said_by_file
-from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
+from pipelines.experiments.shared.film_frames import film_of, key_frames, meanings, recorded_on, thinned
 
 STILL = 20e-3  # s of contact after which it is rest, not an impact
 WINDOW = 3e-3  # s around the largest radius in which film and model are compared
-FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
-"""Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: by fringes, by the edge of the spot,
-by fringes of a gap that is wider than Hertz's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +54,22 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     known, day = calibration.load_record(record), settings.measured_on
     size, checked = camera_scale.image_scale(known, settings.view, measured=day, recorded=recorded_on(source))
     sphere, light, exposure = settings.sphere.radius, settings.wavelength, settings.exposure
-    rows, columns = _region(source.shape[1:], settings)
-    seen = source if settings.region is None else source.roi(rows, columns)
+    seen, left, top = source, 0, 0
+    if settings.region is not None:
+        shape, corners = np.array(source.shape[:0:-1]), np.array(settings.region)  # x, y
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        part = f"region: the part from ({', '.join(f'{c:g}' for c in low)}) to ({', '.join(f'{c:g}' for c in high)})"
+        images = f"the images, {shape[0]} px wide and {shape[1]} px high"
+        if (high > shape).any():
+            swapped = ": x and y are exchanged" if (high[::-1] <= shape).all() else ""
+            text = f"{part} reaches beyond {images}{swapped}; give px of the images, x to the right and y down"
+            raise InputError(text).because("region")
+        begin, end = np.floor(low).astype(int), np.minimum(np.ceil(high) + 1, shape).astype(int)
+        if (end - begin).min() < _READING.least_region:
+            least = f"less than {_READING.least_region} px wide or high"
+            raise InputError(f"{part} of {images}, is {least}; draw it around the contact with its rings")
+        (left, top), (right, bottom) = begin.tolist(), end.tolist()
+        seen = source.roi(slice(top, bottom), slice(left, right))
     found = imaging.contact_radius(
         seen,
         size.value,
@@ -71,10 +82,10 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         u_wavelength=0.0 if light is None else light.u,
     )
     found = found.assign_coords(time=variable("frame", source.time, "s", "time in the film"))
-    found["centre_x"].values += columns.start
-    found["centre_y"].values += rows.start
+    found["centre_x"].values += left
+    found["centre_y"].values += top
     return found.assign(with_u("pixel_size", (), size.value, size.u, "m/px", "length of one pixel")).assign_attrs(
-        scale_budget=json.dumps(checked.pop("budget")),
+        budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
         light=light_of(seen),
@@ -82,30 +93,23 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     )
 
 
-def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice]:
-    """Return the rows and columns in which the contact is looked for."""
-    size = np.array(shape[::-1])  # x, y
-    corners = np.array([(0, 0), size - 1] if settings.region is None else settings.region)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    part = f"region: the part from ({', '.join(f'{c:g}' for c in low)}) to ({', '.join(f'{c:g}' for c in high)})"
-    seen = f"the images, {size[0]} px wide and {size[1]} px high"
-    if (high > size).any():
-        swapped = ": x and y are exchanged" if (high[::-1] <= size).all() else ""
-        text = f"{part} reaches beyond {seen}{swapped}; give px of the images, x to the right and y down"
-        raise InputError(text).because("region")
-    begin, end = np.floor(low).astype(int), np.minimum(np.ceil(high) + 1, size).astype(int)
-    if settings.region is not None and (end - begin).min() < _READING.least_region:
-        least = f"less than {_READING.least_region} px wide or high"
-        raise InputError(f"{part} of {seen}, is {least}; draw it around the contact with its rings")
-    return slice(int(begin[1]), int(end[1])), slice(int(begin[0]), int(end[0]))
-
-
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Find the first three impacts with their largest radius, and the radius at rest."""
     time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
-    unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros_like(seen)
-    runs, brief = _contacts(time, a, seen, unknown)
+    # damaged frames do not part a contact; an impact is neither rest nor a frame mistaken for a contact
+    lost = ~(seen | ~radius["valid"].values.astype(bool)) if "valid" in radius else ~seen
+    frames, usual = np.flatnonzero(seen), float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    late, missed = np.diff(time[frames]), np.diff(np.cumsum(lost)[frames])
+    is_new = (missed > _READING.missed) | (late > max(_READING.gap * usual, STILL / 2))
+    is_new |= (missed > 0) & (late > (_READING.missed + 1.5) * usual)
+    runs = np.split(frames, np.flatnonzero(is_new) + 1) if len(frames) else []
+    brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
+    if max(map(len, brief), default=0) >= _READING.resolved:
+        brief = [run for run in brief if len(run) > 1]
+    least = _READING.brief * float(np.median([np.ptp(time[run]) for run in brief])) if brief else 0.0
+    around = [time[[max(run[0] - 1, 0), min(run[-1] + 1, len(time) - 1)]] for run in brief]
+    brief = [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief, shared = brief[:IMPACTS], radius["radius_systematic"].values / a
@@ -131,27 +135,8 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
 
 def edges_only(radius: xr.Dataset) -> tuple[int, int]:
     """Return the frames that were measured by the edge of the spot, and by fringes."""
-    method = radius["method"].values
-    return int(np.sum(method == EDGE)), int(np.isin(method, (FRINGE_FIT, OPEN_GAP)).sum())
-
-
-def _contacts(time: Floats, a: Floats, is_seen: Flags, is_unknown: Flags) -> tuple[list[Integers], list[Integers]]:
-    """Group the frames with contact, which damaged frames do not part; return all contacts, and those that are impacts.
-
-    An impact is neither rest nor a frame mistaken for a contact.
-    """
-    seen = np.flatnonzero(is_seen)
-    usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
-    late, missed = np.diff(time[seen]), np.diff(np.cumsum(~(is_seen | is_unknown))[seen])
-    is_new = (missed > _READING.missed) | (late > max(_READING.gap * usual, STILL / 2))
-    is_new |= (missed > 0) & (late > (_READING.missed + 1.5) * usual)
-    runs = np.split(seen, np.flatnonzero(is_new) + 1) if len(seen) else []
-    brief = [run for run in runs if np.ptp(time[run]) < STILL and np.isfinite(a[run]).any()]
-    if max(map(len, brief), default=0) >= _READING.resolved:
-        brief = [run for run in brief if len(run) > 1]
-    least = _READING.brief * float(np.median([np.ptp(time[run]) for run in brief])) if brief else 0.0
-    around = [time[[max(run[0] - 1, 0), min(run[-1] + 1, len(time) - 1)]] for run in brief]
-    return runs, [run for run, ends in zip(brief, around, strict=True) if np.ptp(ends) >= least]
+    method = meanings(radius["method"])
+    return int(np.sum(method == "edge")), int(np.isin(method, ("fringe_fit", "fringe_fit_open_gap")).sum())
 
 
 def peak_of(time: Floats, a: Floats, u: Floats) -> tuple[float, float, float, float]:
@@ -185,7 +170,7 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> tuple[float, float, float, fl
 
 
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
-    """Copy frames with the fitted circles: those of the impacts and beside, and at rest; without impacts, all over."""
+    """Copy frames for the page: those of the impacts and beside, and at rest; without impacts, all over."""
     around, always = set(np.flatnonzero(radius["valid"].values).tolist()), set[int]()
     if impacts is not None:
         time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
@@ -197,22 +182,4 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings
         if np.isfinite(float(impacts["static_radius"])):
             always.add(rest)
             around = {i for i in around if i < rest}
-    found = key_frames(film_of(film, settings), radius["frame"].values[thinned(around, always)])
-    return with_circles(found, radius.sel(frame=found["frame"].values))
-
-
-def with_circles(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
-    """Add to key frames the circles that ``at``, the radii of the same frames, holds."""
-    size = float(at["pixel_size"])
-    for name, values, units, text in (
-        ("circle_x", at["centre_x"], "px", "column of the fitted centre"),
-        ("circle_y", at["centre_y"], "px", "row of the fitted centre"),
-        ("circle_radius", at["radius"] / size, "px", "fitted radius"),
-        ("circle_major", at["semi_axis_major"] / size, "px", "fitted major semi-axis"),
-        ("circle_minor", at["semi_axis_minor"] / size, "px", "fitted minor semi-axis"),
-        ("circle_angle", at["axis_angle"], "rad", "direction of the major axis"),
-        ("key_method", at["method"].astype(float), "1", "method of the radius"),
-    ):
-        keys[name] = variable("key", values.values, units, text)
-    u = np.hypot(at["u_radius"].values, at["radius_systematic"].values)
-    return keys.assign(with_u("key_radius", "key", at["radius"].values, u, "m", "contact radius"))
+    return key_frames(film_of(film, settings), radius["frame"].values[thinned(around, always)])

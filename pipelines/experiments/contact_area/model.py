@@ -7,7 +7,6 @@ import xarray as xr
 
 from labpipe.contact.sphere import counter_compliance, hertz
 from labpipe.imaging.fringes import edge_shift
-from labpipe.materials import Prony
 from labpipe.uncertainty import Source, combined_uncertainty
 from labpipe.variables import with_u
 from pipelines.experiments.contact_area.measured import WINDOW, edges_only
@@ -41,8 +40,17 @@ def model(
     made = simulated_drop(settings, *sources, duration, step, followed=IMPACTS, of_budget=of, full=full)
     solid = resolve(sphere, material_file, fitted)
     first = float(made["contact_duration"][0]) if made.sizes["impact"] else step
-    made = _with_edge(made, solid, radius, settings)
     flat, factor = counter_compliance(counter_body_of(settings.counter_body)), 1 - float(solid.nu) ** 2
+    largest, beyond = made["peak_contact_radius"].values, (np.zeros(0), np.zeros(0))
+    if largest.size:  # the edges of the largest contacts by JKR
+        reduced = abs(complex(solid.complex_modulus(np.pi / first))) / factor
+        work, light = settings.work_of_adhesion, settings.wavelength
+        stated, u_stated = (None, 0.0) if work is None else (work.value, work.u)
+        wavelength, is_spot = None if light is None else light.value, bool(np.greater(*edges_only(radius)))
+        edge = (reduced / (1 + reduced * flat), stated, u_stated, wavelength, is_spot)
+        beyond = edge_shift(largest, sphere.radius.value, *edge)
+    text = "distance of the edge of an adhesive contact from the Hertz-equivalent radius, at its largest"
+    made = made.assign(with_u("adhesion_shift", "impact", *beyond, "m", text))
     weight = sphere.mass.value * settings.model.gravity.value
     known = [Source.of(of, q, 1.0 / (3.0 * q.value)) for of, q in (("radius", sphere.radius), ("mass", sphere.mass))]
     for name, time in (("brief", first), ("lasting", duration - fall)):
@@ -58,18 +66,3 @@ def model(
         u = combined_uncertainty(parts) * at_rest
         made = made.assign(with_u(f"static_radius_{name}", (), at_rest, u, "m", text))
     return made
-
-
-def _with_edge(made: xr.Dataset, solid: Prony, radius: xr.Dataset, settings: ContactArea) -> xr.Dataset:
-    """Add the distance by JKR of the edges of the largest contacts from the Hertz-equivalent radius, with its u."""
-    largest, beyond = made["peak_contact_radius"].values, (np.zeros(0), np.zeros(0))
-    if largest.size:
-        omega = np.pi / float(made["contact_duration"][0])
-        reduced = abs(complex(solid.complex_modulus(omega))) / (1 - float(solid.nu) ** 2)
-        reduced /= 1 + reduced * counter_compliance(counter_body_of(settings.counter_body))
-        work, light = settings.work_of_adhesion, settings.wavelength
-        stated, u_stated = (None, 0.0) if work is None else (work.value, work.u)
-        wavelength, is_spot = None if light is None else light.value, bool(np.greater(*edges_only(radius)))
-        beyond = edge_shift(largest, settings.sphere.radius.value, reduced, stated, u_stated, wavelength, is_spot)
-    text = "distance of the edge of an adhesive contact from the Hertz-equivalent radius, at its largest"
-    return made.assign(with_u("adhesion_shift", "impact", *beyond, "m", text))

@@ -57,37 +57,44 @@ TITLES = {
 @judgements.judging(*_STEPS, rests_on=("laser_experiment",), expected=("comparison", "laser"), titles=TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
-    track, motion = given.get("track"), given.get("motion")
+    track, motion, bounces, _, dropped = map(given.get, _STEPS)
     checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        checks += _of_frames(track, given.get("bounces"), settings)
-    checks += given.each([_fall])
+        checks += _of_frames(track, bounces, settings)
+    if motion is not None and bounces is not None and bounces.sizes["impact"]:
+        fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
+        checks += [
+            fall_checks.direction(fall, _UPSIDE_DOWN, file=fall.name),
+            fall_checks.acceleration(fall, _GRAVITY),
+            fall_checks.restitution(fall),
+        ]
+        if dropped is None or not dropped.sizes.get("impact"):
+            checks.append(not_made(HEIGHT, "a laser experiment"))
+        else:
+            seen, own = fall.value("drop_height")
+            expected, u = (
+                float(dropped["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value),
+                hypot(own, seen * fall.relative),
+            )
+            text = f"{fall.name}: the holder fell {value_with_uncertainty(seen, u, 'm')}, at the laser "
+            text += quantity(expected, "m")
+            other = _BETWEEN_DAYS * expected
+            place: dict[str, Any] = {"allowance": 3 * other, "file": fall.name}
+            checks.append(compared(HEIGHT, text, seen, u, expected, other, **place))
     laser = (settings.laser_experiment or "").removeprefix(REFERENCE)
     another = f"the film may show another drop than {laser}: another sphere, height or day"
-    return Scene(checks, list(_causes(track, settings, laser)), given.each([rows]), basis=basis, unstated=another)
 
+    def of_height(factor: float) -> str:
+        text = f"the film is of a drop from a height {in_words(factor)} times that of {laser}"
+        return f"{text}: film or laser_experiment is another one"
 
-def _fall(
-    motion: xr.Dataset, bounces: xr.Dataset, settings: DicValidation, laser: xr.Dataset | None = None
-) -> list[Check]:
-    """Evaluate the redundancies of a fall."""
-    if not bounces.sizes["impact"]:
-        return []
-    film, fall = settings.film, Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
-    height = not_made(HEIGHT, "a laser experiment")
-    if laser is not None and laser.sizes.get("impact"):
-        seen, own = fall.value("drop_height")
-        expected, u = float(laser["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value), hypot(own, seen * fall.relative)
-        text = f"{film}: the holder fell {value_with_uncertainty(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
-        other = _BETWEEN_DAYS * expected
-        height = compared(HEIGHT, text, seen, u, expected, other, allowance=3 * other, file=film)
-    return [
-        fall_checks.direction(fall, _UPSIDE_DOWN, file=film),
-        fall_checks.acceleration(fall, _GRAVITY),
-        height,
-        fall_checks.restitution(fall),
+    causes = [
+        judgements.wrong_scale({G: 1.0, HEIGHT: 1.0}, settings.camera),
+        wrong_rate({G: 2.0}, settings.frame_rate, track, settings.film),
+        Cause({HEIGHT: 1.0}, of_height, setting="laser_experiment"),
     ]
+    return Scene(checks, causes, given.each([rows]), basis=basis, unstated=another)
 
 
 def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Iterator[Check]:
@@ -134,14 +141,3 @@ def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValid
     else:
         moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
     yield from of_frames(film, frame, track["time"].values, moves, copies[1:], of_body["dy"].values)
-
-
-def _causes(track: xr.Dataset | None, settings: DicValidation, laser: str) -> Iterator[Cause]:
-    yield judgements.wrong_scale({G: 1.0, HEIGHT: 1.0}, settings.camera)
-    yield wrong_rate({G: 2.0}, settings.frame_rate, track, settings.film)
-
-    def of_height(factor: float) -> str:
-        text = f"the film is of a drop from a height {in_words(factor)} times that of {laser}"
-        return f"{text}: film or laser_experiment is another one"
-
-    yield Cause({HEIGHT: 1.0}, of_height, setting="laser_experiment")

@@ -25,12 +25,10 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.film_checks import light_of, said_by_file
-from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
+from pipelines.experiments.shared.film_frames import film_of, key_frames, meanings, recorded_on, thinned
 
-SOLVED, _ALIKE = 1e-4, 1e-6
-"""By which places [px] and correlations of one image differ that is solved for from other
-beginnings; noise changes them by more."""
-_MOST_COPIES = 0.1  # of the frames, that are left out
+SOLVED = 1e-4
+"""Tolerance of places [px] of one image, solved for from other beginnings; noise changes them by more."""
 TURNED = "found_turned"
 _ACROSS = ("displacement_x", "displacement_y", "u_displacement_x", "u_displacement_y")
 
@@ -48,6 +46,8 @@ class Reading:
     after_rest: int = 40  # read one by one after the coarse pass sees rest
     least: float = 0.5  # of the frames: a holder that is found in fewer has no motion
     straight: float = math.radians(30.0)  # largest angle to the columns that is taken for a turned camera
+    alike: float = 1e-6  # difference of correlations of one image, as SOLVED of places
+    copies: float = 0.1  # of the frames, at most, that are left out as repeated
     clear: float = 50.0  # standard uncertainties of a travel whose direction is determined
 
 
@@ -61,25 +61,28 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
     options: dict[str, Any] = {"subset": subsets, "static_frames": static, **chosen.masks}
-    coarse: dict[str, int] = {}
-    if not full:
-        coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
+    count, read_coarsely = len(source), 0
+    coarse = np.unique(np.append(np.arange(0, count, _READING.every), count - 1))
+    if not full and len(coarse) > 3 and count >= 4 * _READING.after_rest:
+        # a coarse pass over the body alone finds rest; the frames that follow are thinned out
+        body = imaging.track(source, points[:1], select=coarse, **options | {"subset": subsets[:1], "order": 3})
+        read_coarsely, level = json.loads(body.attrs["work"]).get("frames_read", 0), body["dy"].values[:, 0]
+        if np.isfinite(level[-1]):
+            moving = np.flatnonzero(~(np.abs(level - level[-1]) < _READING.at_rest))
+            last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
+            dense = np.arange(min(count, max(last + _READING.after_rest, static)))
+            options["select"] = np.union1d(dense, coarse)
     found = imaging.track(source, points, **options)
     work = json.loads(found.attrs["work"]) | {"frames_read": found.sizes["frame"]}
-    work["coarse_frames_read"] = coarse.get("frames_read", 0)
+    work["coarse_frames_read"] = read_coarsely
     work["pixels_read"] = min(work["pixels_read"], work["pixels_total"])  # still frames are read twice
     kept = {"recorded": recorded_on(source), "light": light_of(source), "said_by_file": said_by_file(source)}
-    if float(found["valid"].isel(point=0).mean()) < _READING.least:
-        kept[TURNED] = json.dumps(_found_turned(source, points[:1], subsets[:1]))
+    if float(found["valid"].isel(point=0).mean()) < _READING.least:  # is it there in frames turned or mirrored?
+        frames = np.stack([np.asarray(source[int(i)]) for i in np.flatnonzero(source.valid)[:: _READING.every]])
+        turns = {"upside down": np.s_[:, ::-1], "mirrored": np.s_[:, :, ::-1], "turned by 180°": np.s_[:, ::-1, ::-1]}
+        seen = {n: imaging.track(frames[turn].copy(), points[:1], subset=subsets[:1]) for n, turn in turns.items()}
+        kept[TURNED] = json.dumps({name: float(one["valid"].mean()) for name, one in seen.items()})
     return found.assign_attrs(kept, work=json.dumps(work))
-
-
-def _found_turned(source: FrameSource, body: list[tuple[float, float]], subset: list[int]) -> dict[str, float]:
-    """Return the share of frames, one of eight, in which the holder is found where they are turned or mirrored."""
-    frames = np.stack([np.asarray(source[int(i)]) for i in np.flatnonzero(source.valid)[:: _READING.every]])
-    turns = {"upside down": np.s_[:, ::-1], "mirrored": np.s_[:, :, ::-1], "turned by 180°": np.s_[:, ::-1, ::-1]}
-    found = {name: imaging.track(frames[turn].copy(), body, subset=subset) for name, turn in turns.items()}
-    return {name: float(one["valid"].mean()) for name, one in found.items()}
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -121,34 +124,9 @@ def _static_frames(source: FrameSource, centre: tuple[float, float], width: int)
     return min(_READING.most_static, int(_READING.margin * len(sound)) or 1)
 
 
-def _worth_reading(
-    source: FrameSource, body: list[tuple[float, float]], options: dict[str, Any], static: int
-) -> tuple[dict[str, int], NDArray[np.int64]]:
-    """Find rest in a coarse pass over the body alone; thin out the frames that follow."""
-    count = len(source)
-    coarse = np.unique(np.concatenate([np.arange(0, count, _READING.every), [count - 1]]))
-    if len(coarse) < 4 or count < 4 * _READING.after_rest:
-        return {}, np.arange(count)
-    found = imaging.track(source, body, select=coarse, **{**options, "order": 3})
-    level = found["dy"].values[:, 0]
-    if not np.isfinite(level[-1]):
-        return json.loads(found.attrs["work"]), np.arange(count)
-    moving = np.flatnonzero(~(np.abs(level - level[-1]) < _READING.at_rest))
-    last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
-    dense = np.arange(min(count, max(last + _READING.after_rest, static)))
-    return json.loads(found.attrs["work"]), np.union1d(dense, coarse)
-
-
-def statuses(track: xr.Dataset) -> NDArray[np.str_]:
-    """Say of the holder in each frame why it has a value or none, by the names of the status."""
-    status = track["status"].isel(point=0)
-    names = dict(zip(status.attrs["flag_values"], str(status.attrs["flag_meanings"]).split(), strict=True))
-    return np.array([names[int(code)] for code in status.values])
-
-
 def repeated(track: xr.Dataset) -> NDArray[np.bool_]:
     """Find frames (frame,) that show the holder exactly as the one before, within the tolerance of the solver."""
-    body, limits = track.isel(point=0), (("dx", SOLVED), ("dy", SOLVED), ("zncc", _ALIKE))
+    body, limits = track.isel(point=0), (("dx", SOLVED), ("dy", SOLVED), ("zncc", _READING.alike))
     same = np.all([np.abs(np.diff(body[of].values)) <= limit for of, limit in limits if of in body], axis=0)
     return np.append(False, same & (np.diff(track["frame"].values) == 1))
 
@@ -160,19 +138,26 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     body = moved.isel(point=0)
     share = float(body["valid"].mean())
     if share < _READING.least:
-        lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
+        lost, times = np.unique(meanings(track["status"][~body["valid"].values, 0]), return_counts=True)
         raise InputError(
             f"the holder was found in {100 * share:.0f} % of the frames only (others: {lost[np.argmax(times)]}); give "
             "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls, and that "
             "masks (tracking.regions, covers, obstructions) leave free"
         )
-    direction, u_direction = _direction(body)
+    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
+    away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
+    far, direction, u_direction = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0)), math.nan, math.nan
+    if far.size > 3 and np.nanmax(away) > _READING.clear * np.nanmedian(noise):  # the angle to the image's columns
+        weight = away[far] * np.sign(y[far])
+        direction = math.atan2(float(weight @ x[far]), float(weight @ y[far]))
+        beside = x[far] * math.cos(direction) - y[far] * math.sin(direction)
+        memory = far.size / signals.independent_count(beside)
+        u_direction = math.sqrt(memory * float(beside @ beside) / (far.size - 1) / float(weight @ weight))
     turn, tilt = direction if abs(direction) < _READING.straight else 0.0, settings.camera_tilt
     across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
-    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
     along, noise = upwards * y + across * x, np.hypot(upwards * u_y, across * u_x)
     copies = repeated(track)
-    if copies.mean() < _MOST_COPIES:  # a film without noise repeats itself at rest
+    if copies.mean() < _READING.copies:  # a film without noise repeats itself at rest
         along[copies] = np.nan
     text = "displacement of the holder along its motion, upwards"
     table = with_u("displacement", "time", along, noise, "m", text, "(random)")
@@ -197,21 +182,6 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     return made.assign({name: moved[name] for name in ("pixel_size", "u_pixel_size")})
 
 
-def _direction(body: xr.Dataset) -> tuple[float, float]:
-    """Return the angle of the motion to the image's columns with its u [rad]; NaN where it is unclear."""
-    x, y, u_x, u_y = (body[name].values for name in _ACROSS)
-    away, noise = np.hypot(x, y), np.hypot(u_x, u_y)
-    far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))
-    if far.size < 4 or np.nanmax(away) < _READING.clear * np.nanmedian(noise):
-        return math.nan, math.nan
-    x, y, weight = x[far], y[far], away[far] * np.sign(y[far])
-    direction = math.atan2(float(weight @ x), float(weight @ y))
-    across = x * math.cos(direction) - y * math.sin(direction)
-    memory = far.size / signals.independent_count(across)
-    u = math.sqrt(memory * float(across @ across) / (far.size - 1) / float(weight @ weight))
-    return direction, u
-
-
 def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
     """Find release, contacts, bounces and rest in the film's displacement."""
     del settings
@@ -226,7 +196,7 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
 
 
 def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings: DicValidation) -> xr.Dataset:
-    """Copy frames with the places of the tracked points, all over the first three impacts.
+    """Copy frames for the page, all over the first three impacts.
 
     Release, contacts, tops and rest are always among them; where none is known, the frames are spread over the film.
     """
@@ -237,17 +207,4 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
         events = np.hstack([bounces["release_time"], bounces["rest_time"], *of_impacts])
         found_at = [int(np.argmin(np.abs(time - t))) for t in events[np.isfinite(events)]]
         near, last = near + found_at, max(found_at, default=0)
-    found = key_frames(film_of(film, settings), track["frame"].values[thinned(range(last), near)])
-    return with_points(found, track.sel(frame=found["frame"].values))
-
-
-def with_points(keys: xr.Dataset, at: xr.Dataset) -> xr.Dataset:
-    """Add to key frames the places of the points that ``at``, the tracks of the same frames, holds."""
-    for axis, text in (("x", "column"), ("y", "row")):
-        place = at[axis].values + at[f"d{axis}"].values
-        keys[f"point_{axis}"] = variable(("key", "point"), place, "px", f"{text} of a tracked point")
-        keys[f"start_{axis}"] = variable("point", at[axis].values, "px", f"{text} of a point in the first image")
-    keys["turn"] = variable(("key", "point"), at["rotation"].values, "rad", "rotation")
-    keys["subset"] = variable("point", at["subset"].values, "px", "subset")
-    keys["key_status"] = ("key", statuses(at), {"long_name": "status of the large subset"})
-    return keys
+    return key_frames(film_of(film, settings), track["frame"].values[thinned(range(last), near)])

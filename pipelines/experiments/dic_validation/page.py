@@ -11,10 +11,9 @@ import xarray as xr
 from labpipe.report import Band, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import with_points
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, ink, strip
+from pipelines.experiments.shared.film_frames import Drawn, DrawnFilm, drawing_of, film_of, ink, meanings, strip
 from pipelines.experiments.shared.reports import Report
 
 _MASKS = (
@@ -38,11 +37,14 @@ def _details(track: xr.Dataset) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
+def _key_frames(
+    keys: xr.Dataset, track: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None
+) -> Section:
     start = None if bounces is None else float(bounces["first_contact_time"])
-    drawn = [_drawn(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
+    at = track.sel(frame=keys["frame"].values)
+    drawn = [_drawn(keys.isel(key=i), at.isel(frame=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
-    caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1) + _MASKS * bool(settings.tracking.masks)
+    caption += "Blue: the line of small subsets. " * (track.sizes["point"] > 1) + _MASKS * bool(settings.tracking.masks)
     caption += "The charts below mark the frame that is shown." * (start is not None)
     gallery = strip("Film with the tracked subsets", drawn, caption=caption, group="film")
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
@@ -53,23 +55,20 @@ def film(path: Path, track: xr.Dataset | None, bounces: xr.Dataset | None, *, se
     source = film_of(path, settings)
     if track is None:
         return DrawnFilm(source)
-
-    def drawn(key: xr.Dataset, at: int) -> Drawn:
-        return _drawn(with_points(key, track.isel(frame=[at])).isel(key=0), None, settings.tracking)
-
     start = math.nan if bounces is None else float(bounces["first_contact_time"])
     jumps = {"First contact": int(np.argmin(np.abs(source.time - start)))} if math.isfinite(start) else {}
-    return DrawnFilm(source, track["frame"].values, drawn, jumps)
+    drawn = partial(_drawn, start=None, tracking=settings.tracking)
+    return DrawnFilm(source, track["frame"].values, lambda key, at: drawn(key, track.isel(frame=at)), jumps)
 
 
-def _drawn(key: xr.Dataset, start: float | None, tracking: Tracking) -> Drawn:
+def _drawn(key: xr.Dataset, at: xr.Dataset, start: float | None, tracking: Tracking) -> Drawn:
     """Draw the subsets and masks; those that move with the large subset are moved and turned as it is."""
     canvas, scale, half = drawing_of(key)
-    body = key.isel(point=0)
-    first, now = (np.array([float(body[f"{name}_x"]), float(body[f"{name}_y"])]) for name in ("start", "point"))
-    cosine, sine = math.cos(float(body["turn"])), math.sin(float(body["turn"]))
+    starts, moved = (np.stack([at[name].values for name in names], axis=1) for names in (("x", "y"), ("dx", "dy")))
+    first, now, turned = starts[0], (starts + moved)[0], float(at["rotation"][0])
+    cosine, sine = math.cos(turned), math.sin(turned)
     turn = np.array([[cosine, -sine], [sine, cosine]])
-    side = 0.5 * float(key["subset"][0])
+    side = 0.5 * float(at["subset"][0])
     square = now + np.array([(-side, -side), (side, -side), (side, side), (-side, side)]) @ turn.T
     point, body_ink, region, cover, obstruction = map(ink, range(5))
     drawn = [(square, body_ink), *((np.array(polygon), obstruction) for polygon in tracking.obstructions or ())]
@@ -79,14 +78,14 @@ def _drawn(key: xr.Dataset, start: float | None, tracking: Tracking) -> Drawn:
         if np.isfinite(corners).all():
             places = np.rint(corners * scale + half).astype(np.int32)
             cv2.polylines(canvas, [places], True, colour, 2, cv2.LINE_AA)
-    for x, y in zip(key["point_x"].values[1:], key["point_y"].values[1:], strict=True):
+    for x, y in (starts + moved)[1:].tolist():
         if math.isfinite(x) and math.isfinite(y):
             cv2.circle(canvas, (round(x * scale + half), round(y * scale + half)), 4, point, 2, cv2.LINE_AA)
-    frame, time, status = int(key["frame"]), float(key["key_time"]) * 1e3, str(key["key_status"].values)
+    frame, time, [status] = int(key["frame"]), float(key["key_time"]) * 1e3, meanings(at["status"][0])
     lost = "" if status == "ok" else f"; the large subset has no value: {status.replace('_', ' ')}"
     words = f"frame {frame} of the film with the tracked subsets drawn on it"
-    at = None if start is None else time - start * 1e3
-    return canvas, words, f"frame {frame}, {time:.2f} ms in the film{lost}", at
+    place = None if start is None else time - start * 1e3
+    return canvas, words, f"frame {frame}, {time:.2f} ms in the film{lost}", place
 
 
 def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
@@ -95,12 +94,11 @@ def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
     relative = f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %"
     along = "positive to the right of upwards; displacements are along it up to 30°"
     rows = [
-        ("length of one pixel", pages.told(motion, "pixel_size"), "in the plane of the holder"),
         ("motion, to the image's columns", turned, along),
         ("tilt of the camera, up or down", pages.stated(settings.camera_tilt), "stated; lengths / cos(tilt)"),
         ("relative uncertainty of a displacement's scale", relative, "the same for every frame"),
     ]
-    return pages.camera_calibration(motion.attrs["calibration"], motion.attrs["budget"], rows)
+    return pages.camera_calibration(motion, "holder", rows)
 
 
 def _motion(

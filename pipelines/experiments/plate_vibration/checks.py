@@ -4,7 +4,7 @@ Frequency and damping belong to the plate, so all recordings give the same. The 
 much momentum came: a height or a material that is stated wrongly moves that of its drops alone.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from math import hypot, inf, log, nan
 from typing import Any
@@ -85,8 +85,17 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     rings = {name: Fall(name, ring, 0.0) for name, ring in found.items()}
     for name, ring in found.items():
         checks += _course(name, moved[name], ring)
-    of_one = fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE)
-    checks += [_of_interval(rings, check) for check in of_one]
+    for check in fall_checks.repeats_agree([*rings.values()], _OF_ONE_PLATE, _ANOTHER_PLATE):
+        cause = check.cause
+        if check.level and check.name.endswith("frequency of the plate"):  # by a factor of sampling intervals?
+            others = [ring.value("natural_frequency")[0] for name, ring in rings.items() if name != check.file]
+            ratio = rings[check.file].value("natural_frequency")[0] / float(np.median(others))
+            usual = min(SLIPS["interval"], key=lambda k: abs(log(ratio / k)))
+            if abs(log(ratio / usual)) < _INTERVAL:
+                way = f"{max(usual, 1 / usual):g} times too {'short' if ratio > 1.0 else 'long'}"
+                cause = f"the sampling interval of {check.file} is stated {way}"
+                cause += ", or that of the other file is wrong" * (len(others) == 1)
+        checks.append(replace(check, cause=cause))
     for drops in settings.drops:
         falls = [rings[name] for name in drops.laser if name in rings]
         checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")
@@ -125,20 +134,6 @@ def _course(file: str, moved: xr.Dataset, ring: xr.Dataset) -> tuple[Check, Chec
     cause = f"something else struck plate or table at {later[1]}: a body that bounces strikes less hard each time"
     place: dict[str, Any] = {"file": file, "cause": cause, "at_most": fall_checks.SWING * float(size[0])}
     return first, bounded(_BLOWS, text, float(more[k]), u, is_law=False, **place)
-
-
-def _of_interval(rings: Mapping[str, Fall], check: Check) -> Check:
-    """Give a frequency that is off by a factor of sampling intervals that cause."""
-    if check.level is None or not check.name.endswith("frequency of the plate"):
-        return check
-    others = [ring.value("natural_frequency")[0] for name, ring in rings.items() if name != check.file]
-    ratio = rings[check.file].value("natural_frequency")[0] / float(np.median(others))
-    usual = min(SLIPS["interval"], key=lambda k: abs(log(ratio / k)))
-    if abs(log(ratio / usual)) > _INTERVAL:
-        return check
-    way = "short" if ratio > 1.0 else "long"
-    cause = f"the sampling interval of {check.file} is stated {max(usual, 1 / usual):g} times too {way}"
-    return replace(check, cause=f"{cause}, or that of the other file is wrong" if len(others) == 1 else cause)
 
 
 def _of_blows(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Check]:

@@ -1,6 +1,6 @@
 """The report of a plate vibration."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,34 +46,38 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
     return Section("Motion", charts)
 
 
-def _table(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset) -> Section:
-    columns = (
-        Listed("material", [drops.material for drops in settings.drops]),
-        Listed("height", [drops.height.value for drops in settings.drops], "m"),
-        Listed("n", [len(drops.laser) for drops in settings.drops]),
-        *pages.columns(table, {name: title for name, (_, title) in OF_PLATE.items()}),
-        *pages.columns(plate, {"modal_mass": "modal mass"}),
-    )
-    return Section("By material and height", (listed(columns, "Means of the repeats, standard uncertainties."),))
-
-
-def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
+def _tables(
+    settings: PlateVibration,
+    ringing: Sequence[xr.Dataset | None],
+    table: xr.Dataset | None = None,
+    plate: xr.Dataset | None = None,
+) -> Iterator[Section]:
+    if table is not None and plate is not None:
+        columns = [
+            Listed("material", [drops.material for drops in settings.drops]),
+            Listed("height", [drops.height.value for drops in settings.drops], "m"),
+            Listed("n", [len(drops.laser) for drops in settings.drops]),
+            *pages.columns(table, {name: title for name, (_, title) in OF_PLATE.items()}),
+            *pages.columns(plate, {"modal_mass": "modal mass"}),
+        ]
+        text = "Means of the repeats, standard uncertainties."
+        yield Section("By material and height", (listed(columns, text),))
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
     kept = [both for both, each in zip(named, ringing, strict=True) if each is not None]
     found = pages.present(ringing)
-    columns = (
+    columns = [
         Listed("recording", [name for name, _ in kept]),
         Listed("drop", [label for _, label in kept]),
         *pages.columns(found, {"free_from": "free from", "free_to": "free to", "natural_frequency": "frequency"}),
         *pages.columns(found, {n: n.replace("_", " ") for n in ("damping_ratio", "amplitude")}),
         *pages.columns(found, {"chi_square": "reduced χ²"}),
-    )
+    ]
     text = (
         "The free vibration is evaluated over the longest interval between two contacts that one damped oscillation "
         "predicts. The amplitude is the envelope at impact. Random uncertainties only; the reduced χ² is the scatter "
         "over the noise, squared."
     )
-    return Section("Recordings", (listed(columns, text),))
+    yield Section("Recordings", (listed(columns, text),))
 
 
 def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None) -> str:
@@ -96,7 +100,7 @@ page = Report(
     shown=("readings", "displacement", "ringing", "table", "plate", "comparison"),
     details=_details,
     rows=rows,
-    sections=(pages.recordings, _motion, _table, _recordings),
+    sections=(pages.recordings, _motion, _tables),
     budget=quantities,
     methods=_methods,
 )

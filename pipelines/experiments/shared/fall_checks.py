@@ -15,6 +15,7 @@ from scipy import special
 
 from labpipe.judging import DOUBTFUL, Check, Level, bounded, compared, in_words, not_made
 from labpipe.report import quantity, value_with_uncertainty as shown
+from labpipe.signals import Floor
 from labpipe.units import Quantity
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements import Title, Titles
@@ -33,6 +34,7 @@ OF_FALL: Titles = {
 """Checks of every fall."""
 BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
 _NOT_FREE = "the body did not fly freely (a guide that rubs, a thread, a hand), or bench or sensor moved"
+_ROLLED = "the body rolled or turned under the spot of the laser, or floor, stand or sensor moved"
 _MOVED = "the body was touched or lifted, or another drop follows in the record"
 GUIDE = 5e-3
 """Largest share of g that the friction of a guide or the drag of the air takes from a fall."""
@@ -41,7 +43,6 @@ CLOCK = 1e-4
 SWING = 0.07
 """Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
 of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
-_LIGHTEST = 800.0  # kg/m³ of the lightest solid polymer
 _BY_HAND = 0.2
 """Relative difference of two repeats that were released by hand."""
 
@@ -117,14 +118,27 @@ def restitution(fall: Fall) -> Check:
     return bounded(_RESTITUTION, text, float(held[worst]), float(u[worst]), **place)
 
 
-def rest_level(fall: Fall) -> Check:
-    """Compare the level at rest with that of the first touch; no weight approaches a floor as far as an impact does."""
-    name, (rest, u_rest), (touch, u_touch) = "level at rest", fall.value("rest_level"), fall.value("contact_level")
-    if not isfinite(rest):
-        return not_made(name, "a record that lasts until rest")
-    gap, u, deepest = rest - touch, hypot(u_rest, u_touch), float(np.nanmax(fall.values("penetration")))
-    text = f"{fall.name}: rest is {shown(gap, u, 'm')} from first touch"
-    return compared(name, text, gap, u, 0.0, 0.0, allowance=deepest, factor=False, file=fall.name)
+def levels(fall: Fall, floor: Floor | None = None) -> Check:
+    """Compare the levels of later touches and of rest with that of the first touch.
+
+    They differ by no more than the deepest impact, and touches on a known ``floor`` by no more than an impact's own
+    depth and the floor's oscillation: no dent is as deep as the impact on it, nor does a weight approach it as far.
+    """
+    depth = fall.values("penetration")
+    level, u_level = (np.append(fall.values(f"{u}touch_level"), fall.values(f"{u}rest_level")) for u in ("", "u_"))
+    gaps, u, allowed = level[1:] - level[0], np.hypot(u_level[1:], u_level[0]), np.full(depth.size, np.nanmax(depth))
+    if floor is not None:
+        blows = np.nan_to_num(fall.values("incoming_speed") + fall.values("outgoing_speed"))
+        allowed[:-1] = depth[1:] + floor.share * np.linalg.norm(blows) / (2.0 * pi * floor.frequency)
+    known = np.flatnonzero(np.isfinite(gaps * u * allowed))
+    if not known.size:
+        return not_made("level at rest", "two impacts, or a record that lasts until rest")
+    k = known[np.argmax((np.abs(gaps) - allowed)[known] / u[known])]
+    gap, own, where = float(gaps[k]), float(u[k]), "rest" if k == depth.size - 1 else f"touch {k + 2}"
+    text = f"{fall.name}: {where} is {shown(gap, own, 'm')} from first touch"
+    place: dict[str, Any] = {"allowance": float(allowed[k]), "file": fall.name, "otherwise": _ROLLED}
+    check = compared("level at rest", text, gap, own, 0.0, 0.0, factor=False, **place)
+    return check if not check.level or abs(gap) > np.nanmax(depth) else replace(check, level="doubtful")
 
 
 class Repeated(NamedTuple):
@@ -193,9 +207,9 @@ def contact_duration(fall: Fall, known: tuple[float, float] | None, gravity: Qua
     return compared(DURATION, text, seen, hypot(own, 0.4 * u * seen), expected, 0.0, file=fall.name)
 
 
-def body_stated(radius: float, mass: float) -> Check:
-    """Compare a stated mass with the least weight of a sphere of that radius."""
-    name, least = "mass of the falling body", _LIGHTEST * 4 / 3 * pi * radius**3
+def body_stated(radius: float, mass: float, lightest: float = 800.0) -> Check:
+    """Compare a stated mass with the least weight of a sphere of that radius, of the ``lightest`` polymer [kg/m³]."""
+    name, least = "mass of the falling body", lightest * 4 / 3 * pi * radius**3
     text = f"{quantity(mass, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
     cause = "sphere.mass or sphere.radius is in another unit than was typed, or a diameter was typed"
     return Check(name, text, "impossible" if mass < least else None, cause=cause, setting="sphere.mass")

@@ -29,9 +29,7 @@ CAUSES = {
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 LONGER = 1.5
 """Factor of the usual interval between frames, from which some are missing, and of neighbouring ones."""
-_CLIPPED, _MOSTLY = 0.002, 0.25  # share of white pixels that is reported, and that spoils a film
 LIGHT, _SAID = "light", "said_by_file"
-_LEFT = 0.3  # of the bends about two frames, which may be left when they are exchanged back
 _BESIDE = np.arange(-2, 3)
 
 
@@ -65,39 +63,45 @@ def of_frames(
     ``is_copy`` (frame - 1,) are frames that are measured as the one before, which noise forbids. ``y`` and ``options``
     are those of :func:`exchanged`.
     """
-    level: Level | None = None
     steps, cause, text = np.diff(time), "", f"{time.size} frames in order"
     usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
     wrong, lost = np.flatnonzero(~(steps > 0)), np.flatnonzero(is_within & (steps > LONGER * usual))
+    level: Level | None = "impossible" if wrong.size else "doubtful" if lost.size else None
     if wrong.size:
-        level, at = "impossible", int(frame[wrong[0] + 1])
+        at = int(frame[wrong[0] + 1])
         text = f"frame {at} is not later than the one before ({wrong.size} such frames)"
         cause = f"frames are exchanged or repeated at frame {at}"
     elif lost.size:
-        level, count = "doubtful", int(np.sum(np.round(steps[lost] / usual) - 1))
+        count = int(np.sum(np.round(steps[lost] / usual) - 1))
         frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
         text = f"{count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
         cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
     yield Check("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
-    level, cause, text = None, "", "no frame equals the one before"
+    cause, text = "", "no frame equals the one before"
     if (copies := np.flatnonzero(is_copy)).size:
-        level, first = "doubtful", int(frame[copies[0] + 1])
+        first = int(frame[copies[0] + 1])
         frames = "frame equals" if copies.size == 1 else "frames equal"
         text = f"{copies.size} {frames} the one before, the first is frame {first}"
         cause = f"frame {first} is a repeated frame"
-    yield Check("frames differ", f"{film}: {text}", level, cause=cause, file=film)
+    yield Check("frames differ", f"{film}: {text}", "doubtful" if cause else None, cause=cause, file=film)
 
-    level, cause, text = None, "", "no frames are exchanged"
+    cause, text = "", "no frames are exchanged"
     if (places := exchanged(y, time=time, **options)) is not None:
-        level, (one, other) = "doubtful", (int(frame[place]) for place in places)
+        one, other = (int(frame[place]) for place in places)
         text = f"frames {one} and {other} show what would follow smoothly at each other's place"
         cause = f"frames {one} and {other} are exchanged"
-    yield Check("order of the frames", f"{film}: {text}", level, cause=cause, file=film)
+    yield Check("order of the frames", f"{film}: {text}", "doubtful" if cause else None, cause=cause, file=film)
 
 
 def exchanged(
-    y: Floats, noise: float = 0.0, time: Floats | None = None, missed: Flags | None = None, tried: int = 40
+    y: Floats,
+    noise: float = 0.0,
+    time: Floats | None = None,
+    missed: Flags | None = None,
+    *,
+    tried: int = 40,
+    left: float = 0.3,
 ) -> tuple[int, int] | None:
     """Find two frames that stand at each other's place in a film.
 
@@ -106,8 +110,8 @@ def exchanged(
     ``y`` (frame,) is measured in each frame, NaN in those to be left out, with the standard uncertainty ``noise`` where
     that exceeds their scatter. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
     frames. ``missed`` (frame,) are frames in which something may have been overlooked: next to another that is no
-    exchange. Of the frames that stand out most, ``tried``, all pairs are. Returns the places of the two, the earlier
-    first, or None.
+    exchange. Of the frames that stand out most, ``tried``, all pairs are; of the bends about two of them a part may be
+    ``left`` when they are exchanged back. Returns the places of the two, the earlier first, or None.
     """
     known = np.flatnonzero(np.isfinite(y))
     if not known.size:
@@ -118,7 +122,7 @@ def exchanged(
         steps = np.pad(np.diff(time[known]), 2, mode="edge")
         around = np.lib.stride_tricks.sliding_window_view(steps, 4)
         out &= around.max(axis=1) < LONGER * np.abs(around).min(axis=1)
-    best, found = _LEFT, None
+    best, found = left, None
     likely = np.flatnonzero(out)
     for i, j in combinations(sorted(likely[np.argsort(bends[likely])[-tried:]].tolist()), 2):
         if j == i + 1 and missed is not None and missed[known[i : j + 1]].any():
@@ -126,9 +130,9 @@ def exchanged(
         near = np.unique(np.clip(np.concatenate([i + _BESIDE, j + _BESIDE]), 0, y.size - 1))
         back = y.copy()
         back[[i, j]] = y[[j, i]]
-        left = float(_bends(back, near).sum() / _bends(y, near).sum())
-        if left < best:
-            best, found = left, (int(known[i]), int(known[j]))
+        part = float(_bends(back, near).sum() / _bends(y, near).sum())
+        if part < best:
+            best, found = part, (int(known[i]), int(known[j]))
     return found
 
 
@@ -146,17 +150,17 @@ def light_of(film: FrameSource, count: int = 48) -> str:
     return json.dumps({"clipped": float(np.mean(clipped)) if clipped else 0.0, "level": white})
 
 
-def exposed(found: xr.Dataset, film: str) -> Check:
-    """Look for grey levels that were cut off."""
+def exposed(found: xr.Dataset, film: str, *, reported: float = 0.002, spoiled: float = 0.25) -> Check:
+    """Look for grey levels that were cut off; a share of white pixels is ``reported``, or the film ``spoiled``."""
     if LIGHT not in found.attrs:
         return not_made("exposure", "the frames")
     light = json.loads(found.attrs[LIGHT])
     share = light["clipped"]
-    if share < _CLIPPED:
+    if share < reported:
         return Check("exposure", f"{film}: no grey level is cut off", None, file=film)
     text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {light['level']:.0f}"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
-    return Check("exposure", text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
+    return Check("exposure", text, "doubtful" if share > spoiled else "note", cause=cause, file=film)
 
 
 def said_by_file(film: FrameSource) -> str:

@@ -23,9 +23,6 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 Drawn = tuple[NDArray[np.uint8], str, str, float | None]
 """A picture (BGR) of a frame, its description, its caption and its place on a chart."""
-_ALIKE, _BESIDE = 0.5, 0.25
-"""Part of the differences between stated neighbours that is left between true ones, and relative change of their
-distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
 
 
 def film_of(path: Path, settings: Any) -> FrameSource:
@@ -58,8 +55,12 @@ def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | Non
     return found
 
 
-def _is_exchanged(film: FrameSource) -> bool:
-    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width."""
+def _is_exchanged(film: FrameSource, left: float = 0.5, beside: float = 0.25) -> bool:
+    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width.
+
+    Of the differences between stated neighbours at most a part is ``left`` between true ones, nor are rows alike at a
+    distance so far ``beside`` it: those that are alike at any distance are a pattern.
+    """
     _, rows, columns = film.shape
     sound = np.flatnonzero(film.valid) if rows != columns else np.empty(0, int)
     if not sound.size or 2 * rows * columns < 3 * max(rows, columns):
@@ -72,7 +73,7 @@ def _is_exchanged(film: FrameSource) -> bool:
 
     # rows of a file may begin at the bottom
     return any(
-        apart(flat, rows) < _ALIKE * min(apart(flat, d) for d in (columns, (1 - _BESIDE) * rows, (1 + _BESIDE) * rows))
+        apart(flat, rows) < left * min(apart(flat, d) for d in (columns, (1 - beside) * rows, (1 + beside) * rows))
         for flat in (image.ravel(), image[::-1].ravel())
     )
 
@@ -119,6 +120,12 @@ def key_frames(film: FrameSource, chosen: Iterable[int], widest: int = 640) -> x
             "work": json.dumps({"key_frames": len(sound)}),
         },
     )
+
+
+def meanings(flags: xr.DataArray) -> NDArray[np.str_]:
+    """Return the meaning of each value of a variable of flags (CF ``flag_values``, ``flag_meanings``)."""
+    names = dict(zip(flags.attrs["flag_values"], str(flags.attrs["flag_meanings"]).split(), strict=True))
+    return np.array([names[int(code)] for code in np.atleast_1d(flags.values)], dtype=str)
 
 
 def thinned(wanted: Iterable[int], keys: Collection[int], most: int = 60) -> list[int]:
@@ -188,8 +195,8 @@ def drawing_of(key: xr.Dataset, least: int = 480) -> tuple[NDArray[Any], float, 
 class DrawnFilm:
     """A film to watch, and the results of its frames.
 
-    ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one as :func:`key_frames` copies it, and
-    its place among these. ``jumps`` are frames worth seeing, by name.
+    ``frame`` (evaluated,) are those of a result, ascending. ``drawn`` takes one of :func:`key_frames` and its place
+    among these. ``jumps`` are frames worth seeing, by name.
     """
 
     source: FrameSource
@@ -207,9 +214,9 @@ class DrawnFilm:
         head = f"frame {index}, {self.source.time[index] * 1e3:.2f} ms in the film"
         if not self.source.valid[index]:
             return None, f"{head}: damaged or excluded, it is not shown"
-        key, at = key_frames(self.source, [index]), int(np.searchsorted(self.frame, index))
+        key, at = key_frames(self.source, [index]).isel(key=0), int(np.searchsorted(self.frame, index))
         if self.drawn is not None and at < self.frame.size and self.frame[at] == index:
             image, _, caption, _ = self.drawn(key, at)
-            return image if is_drawn else drawing_of(key.isel(key=0))[0], caption
+            return image if is_drawn else drawing_of(key)[0], caption
         missing = "this frame was not evaluated" if self.frame.size else "no result of this film is up to date"
-        return drawing_of(key.isel(key=0))[0], f"{head}; {missing}"
+        return drawing_of(key)[0], f"{head}; {missing}"

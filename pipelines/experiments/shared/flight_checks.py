@@ -19,11 +19,7 @@ from labpipe.signals import Hum
 from pipelines.experiments.shared.fall_checks import GUIDE, Fall, G
 
 COURSE, EACH = "course at rest and in flight", f"{G} of each flight"
-_MARGIN = 0.02  # of a stretch at either end, where a contact or the release may still act
-_SHORTEST, _FEWEST = 4, 8  # readings in a mean, and means in a stretch
-_AT_REST, _CONTACTS = "at rest", 4  # contacts without motion after which a body is
-_MOSTLY = 0.8  # share of a deviation that one shape explains
-_SCANNED = 200  # frequencies
+_AT_REST = "at rest"
 _STEPPED = "the zero of the sensor jumps there: light, cable or range changed, or the sensor was moved"
 _CHANGES = "the interval between the rows changes"
 _WHY = "settings were changed while it recorded, or rows were left out or inserted and the others numbered anew"
@@ -60,14 +56,49 @@ class _Stretch:
         return np.asarray(waves - self.basis @ (self.basis.T @ waves))
 
 
-def of_flights(fall: Fall, moved: xr.Dataset) -> list[Check]:
-    """Compare the course of every flight and of the body at rest with noise, and the flights with one another."""
-    size, swing = _window(fall, moved["time"].values)
-    course = _course(fall, known := _stretches(fall, moved, size, swing), swing)
-    return [course, not_made(EACH, "flights that are parabolas") if course.level else _acceleration(fall, known)]
+def of_flights(
+    fall: Fall, moved: xr.Dataset, *, shortest: int = 4, fewest: int = 8, contacts: int = 4, margin: float = 0.02
+) -> list[Check]:
+    """Compare the course of every flight and of the body at rest with noise, and the flights with one another.
+
+    What is left of each stretch is compared by means over ``shortest``, 2, 4, ... times as many readings, at least
+    ``fewest`` of them in a stretch, without the ``margin`` at either end, where a contact or the release may still act.
+    A body is at rest after as long as some ``contacts`` without motion.
+    """
+    noise, time = float(fall.bounces.attrs["noise"]), moved["time"].values
+    lasts = contacts * float(np.nanmax(fall.values("contact_duration")))
+    size = max(int(np.searchsorted(time - time[0], lasts)), fewest)
+    swing = noise * sqrt(2 * DOUBTFUL * sqrt(2.0 / size))  # of a body that counts as at rest
+    known = _stretches(fall, moved, size, swing, shortest * fewest, margin)
+    if not known:
+        text = f"{shortest * fewest} readings at rest or in flight"
+        return [not_made(COURSE, text), _acceleration(fall, known)]
+    sizes = shortest * 2 ** np.arange(int(np.log2(max(one.time.size for one in known) / shortest / fewest)) + 1)
+    worst, trials = (0.0, 0.0, 0, 0.0), 0
+    for n in map(int, sizes):
+        means = {
+            k: one.left[: one.left.size // n * n].reshape(-1, n).mean(axis=1)
+            for k, one in enumerate(known)
+            if one.time.size >= n * fewest
+        }
+        # noise that is not white shows in most stretches
+        u = max(noise / sqrt(n), float(np.median([np.sqrt(np.mean(each**2)) for each in means.values()])))
+        for k, each in means.items():
+            at, allowed = int(np.argmax(np.abs(each))), swing * (known[k].name == _AT_REST)
+            by, when = float(each[at]), float(known[k].time[at * n + n // 2])
+            worst, trials = max(worst, ((abs(by) - allowed) / u, by, k, when)), trials + each.size
+    beyond, by, k, when = worst
+    over = beyond * DOUBTFUL / doubtful_among(trials)
+    course = "line" if known[k].fall is None else "parabola"
+    text = f"{fall.name}: {known[k].name} readings differ by {quantity(abs(by), 'm')} from a {course} at "
+    text += f"{quantity(when, 's')}, noise {quantity(noise, 'm')}"
+    if over <= DOUBTFUL:
+        return [Check(COURSE, text, None, over, file=fall.name), _acceleration(fall, known)]
+    bent = Check(COURSE, text, "doubtful", over, cause=_shape(known, k, noise, when), file=fall.name)
+    return [bent, not_made(EACH, "flights that are parabolas")]
 
 
-def _stretches(fall: Fall, moved: xr.Dataset, size: int, swing: float) -> list[_Stretch]:
+def _stretches(fall: Fall, moved: xr.Dataset, size: int, swing: float, least: int, share: float) -> list[_Stretch]:
     """Cut a record into the body at rest, its fall, its flights, and its rest."""
     time, height = moved["time"].values, np.array(moved["displacement"].values, float)
     for sign, one in ((1, moved), (-1, fall.bounces)):  # the hum of the flights is better known
@@ -83,35 +114,21 @@ def _stretches(fall: Fall, moved: xr.Dataset, size: int, swing: float) -> list[_
         (f"in the flight after impact {i + 1}", *ends, 2)
         for i, ends in enumerate(zip(liftoff, touch[1:], strict=False))
     ]
-    if (rest := _rest(fall, time, height, size, swing)) is not None:
-        parts.append((_AT_REST, rest, np.inf, 1))
+    settled = int(np.searchsorted(time, float(fall.values("settling_time"))))
+    if settled + size < time.size:  # it has rested for some contacts, whatever moves it later
+        windows = np.lib.stride_tricks.sliding_window_view(height[settled:], size)
+        line = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, size), 2))[0]
+        left = windows - (windows @ line) @ line.T  # a table may sway, slowly
+        still = np.flatnonzero(np.mean(left**2, axis=1) < noise**2 + 0.5 * swing**2)
+        parts += [(_AT_REST, float(time[settled + still[0]]), np.inf, 1)] if still.size else []
     found = list[_Stretch]()
     for name, begin, end, degree in parts:
         first, stop = np.searchsorted(time, [begin, end])
-        margin = 2 + int(_MARGIN * (stop - first))
+        margin = 2 + int(share * (stop - first))
         part = slice(first + margin, stop - margin)
-        if part.stop - part.start >= _SHORTEST * _FEWEST:
+        if part.stop - part.start >= least:
             found.append(_Stretch.of(name, time[part], height[part], degree, noise))
     return found
-
-
-def _window(fall: Fall, time: Floats) -> tuple[int, float]:
-    """Return the number of readings by which a body counts as at rest, and how far it may still swing unseen [m]."""
-    lasts = _CONTACTS * float(np.nanmax(fall.values("contact_duration")))
-    size = max(int(np.searchsorted(time - time[0], lasts)), _FEWEST)
-    return size, float(fall.bounces.attrs["noise"]) * sqrt(2 * DOUBTFUL * sqrt(2.0 / size))
-
-
-def _rest(fall: Fall, time: Floats, height: Floats, size: int, swing: float) -> float | None:
-    """Find the time from which the body has rested for some contacts, whatever moves it later."""
-    first = int(np.searchsorted(time, float(fall.values("settling_time"))))
-    if first + size >= time.size:
-        return None
-    windows = np.lib.stride_tricks.sliding_window_view(height[first:], size)
-    line = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, size), 2))[0]
-    left = windows - (windows @ line) @ line.T  # a table may sway, slowly
-    still = np.flatnonzero(np.mean(left**2, axis=1) < float(fall.bounces.attrs["noise"]) ** 2 + 0.5 * swing**2)
-    return float(time[first + still[0]]) if still.size else None
 
 
 def _acceleration(fall: Fall, known: Sequence[_Stretch]) -> Check:
@@ -136,40 +153,13 @@ def _acceleration(fall: Fall, known: Sequence[_Stretch]) -> Check:
     return compared(EACH, text, seen, u, g, 0.0, allowance=GUIDE * g, factor=False, file=fall.name, cause=TWO)
 
 
-def _course(fall: Fall, known: Sequence[_Stretch], swing: float) -> Check:
-    """Compare what is left of each stretch with noise, by means over 4, 8, 16, ... readings."""
-    if not known:
-        return not_made(COURSE, f"{_SHORTEST * _FEWEST} readings at rest or in flight")
-    sizes = _SHORTEST * 2 ** np.arange(int(np.log2(max(one.time.size for one in known) / _SHORTEST / _FEWEST)) + 1)
-    means = {
-        (k, int(n)): one.left[: one.left.size // n * n].reshape(-1, n).mean(axis=1)
-        for n in sizes
-        for k, one in enumerate(known)
-        if one.time.size >= n * _FEWEST
-    }
-    noise, trials = float(fall.bounces.attrs["noise"]), sum(each.size for each in means.values())
-    worst = (0.0, 0.0, 0, 0.0)
-    for n in map(int, sizes):
-        of_size = {k: each for (k, size), each in means.items() if size == n}
-        # noise that is not white shows in most stretches
-        scatter = float(np.median([np.sqrt(np.mean(each**2)) for each in of_size.values()]))
-        u = max(noise / sqrt(n), scatter)
-        for k, each in of_size.items():
-            at, allowed = int(np.argmax(np.abs(each))), swing * (known[k].name == _AT_REST)
-            by, when = float(each[at]), float(known[k].time[at * n + n // 2])
-            worst = max(worst, ((abs(by) - allowed) / u, by, k, when))
-    beyond, by, k, when = worst
-    margin = beyond * DOUBTFUL / doubtful_among(trials)
-    text = f"{fall.name}: {known[k].name} readings differ by {quantity(abs(by), 'm')} from "
-    course = "line" if known[k].fall is None else "parabola"
-    text += f"a {course} at {quantity(when, 's')}, noise {quantity(noise, 'm')}"
-    if margin <= DOUBTFUL:
-        return Check(COURSE, text, None, margin, file=fall.name)
-    return Check(COURSE, text, "doubtful", margin, cause=_shape(known, k, noise, when), file=fall.name)
+def _shape(
+    known: Sequence[_Stretch], k: int, noise: float, when: float, mostly: float = 0.8, scanned: int = 200
+) -> str:
+    """Return the cause that the shape of a deviation shows: a step, a vibration of the whole record, or a touch.
 
-
-def _shape(known: Sequence[_Stretch], k: int, noise: float, when: float) -> str:
-    """Return the cause that the shape of a deviation shows: a step, a vibration of the whole record, or a touch."""
+    A shape explains the ``mostly`` part of it; of vibrations so many frequencies are ``scanned``.
+    """
     left, basis = known[k].left, known[k].basis
     excess = float(left @ left) - left.size * noise**2
     # a step up at each reading: orthogonal to the polynomial, it takes its product with the rest
@@ -178,14 +168,14 @@ def _shape(known: Sequence[_Stretch], k: int, noise: float, when: float) -> str:
     inner = slice(2, -2)
     gain = after[inner] ** 2 / size[inner]
     at = 2 + int(np.argmax(gain))
-    if gain.max() > _MOSTLY * excess:
+    if gain.max() > mostly * excess:
         step, moment = float(after[at] / size[at]), float(known[k].time[at])
         return f"at {quantity(moment, 's')} the readings step by {quantity(abs(step), 'm')}: {_STEPPED}"
     stretches = [known[k], *(one for n, one in enumerate(known) if n != k)]
     everything, size = np.concatenate([one.left for one in stretches]), left.size
     span = max(float(one.time[-1]) for one in known) - min(float(one.time[0]) for one in known)
     best = (0.0, 0.0, 0.0, 0.0)
-    for frequency in np.geomspace(1.0 / span, _SCANNED / span, _SCANNED):
+    for frequency in np.geomspace(1.0 / span, scanned / span, scanned):
         waves = np.concatenate([one.waves(frequency) for one in stretches])
         fitted = np.linalg.lstsq(waves.T @ waves, waves.T @ everything, rcond=None)[0]
         course = waves @ fitted
@@ -194,6 +184,6 @@ def _shape(known: Sequence[_Stretch], k: int, noise: float, when: float) -> str:
     total = float(everything @ everything) - everything.size * noise**2
     # of a touch that lasts as long as a stretch the others show nothing
     is_common = best[3] > (DOUBTFUL * noise) ** 2
-    if best[0] > _MOSTLY * total and (is_common or best[1] * float(known[k].time[-1] - known[k].time[0]) > 2.0):
+    if best[0] > mostly * total and (is_common or best[1] * float(known[k].time[-1] - known[k].time[0]) > 2.0):
         return f"{VIBRATES}, {quantity(best[2], 'm')} at {in_words(best[1], 2)} Hz: put it on firm ground"
     return f"{_TOUCHED} ({quantity(when, 's')})"

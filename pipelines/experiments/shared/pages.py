@@ -41,8 +41,6 @@ SYNTHETIC = "synthetic data"
 
 SESSION_PAGE = "index.html"
 """The page of the whole session, next to the folder of the reports."""
-
-
 LIMITS = "guide/limits.html"
 """The page of the models' limits, below the folder of the reports; the page of the session is written with it."""
 
@@ -165,7 +163,22 @@ def document(
         Section("What the verdict rests on", basis),
         *own[1:],
     ]
-    parts += [_problems(context), _ledger(context), _provenance(context)]
+    heads = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
+    work = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
+    shown = [row for row in work if row[-1] is not None or row[2].endswith("read")]
+    caption = "What was read, and the work that was skipped because no result depends on it."
+    counters = "\n".join(f"{name}/{step}: {what} {done}" for name, step, what, done, _ in work)
+    steps = (Table(heads, shown, caption=caption), Details("All counters of the solvers", text=counters))
+    found = dict(context.provenance)
+    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
+    heads = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
+    files = Table(heads, rows, caption="Raw files used for this page; none was changed.")
+    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
+    parts += [
+        _problems(context),
+        folded("Processing steps", counted(len(work), "count"), steps),
+        Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text))),
+    ]
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
@@ -214,30 +227,6 @@ def _problems(context: Context) -> Section:
     return Section("Warnings and errors", tuple(blocks or [Notice("ok", "No warnings and no errors.")]))
 
 
-def _ledger(context: Context) -> Section:
-    """Show the work done and skipped for this page, and for other experiments behind it."""
-    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))
-    rows = [(r.experiment, r.stage or "all steps", r.name.replace("_", " "), r.done, r.skipped) for r in context.ledger]
-    shown = [row for row in rows if row[-1] is not None or row[2].endswith("read")]
-    table = Table(
-        columns, shown, caption="What was read, and the work that was skipped because no result depends on it."
-    )
-    text = "\n".join(f"{name}/{step}: {work} {done}" for name, step, work, done, _ in rows)
-    return folded(
-        "Processing steps", counted(len(rows), "count"), (table, Details("All counters of the solvers", text=text))
-    )
-
-
-def _provenance(context: Context) -> Section:
-    """Show inputs with their digests, versions, and the settings."""
-    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
-    found = dict(context.provenance)
-    rows = [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())]
-    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
-    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
-    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
-
-
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
     """Make a section that is folded away until it is asked for; empty without blocks."""
     inside = tuple(blocks)
@@ -278,10 +267,11 @@ def calibration_rows(text: str) -> KeyValues:
     return KeyValues(rows, caption="Calibration record")
 
 
-def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, str]]) -> Section:
+def camera_calibration(found: xr.Dataset, plane: str, rows: Sequence[tuple[str, str, str]] = ()) -> Section:
     """Show the calibration record of a camera, values from it, and the budget of its scale, folded away."""
-    table = budget_table(json.loads(budget), "Budget of the image scale", "m/px")
-    blocks = (calibration_rows(record), KeyValues(rows), *table)
+    table = budget_table(json.loads(found.attrs["budget"]), "Budget of the image scale", "m/px")
+    rows = [("length of one pixel", told(found, "pixel_size"), f"in the plane of the {plane}"), *rows]
+    blocks = (calibration_rows(found.attrs["calibration"]), KeyValues(rows), *table)
     return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 

@@ -31,8 +31,6 @@ FLAT = 6
 """Equal readings in a row that a moving body does not give."""
 MANY = 0.01
 """Part of the readings, left out as outliers, that is more than an occasional disturbance."""
-_QUIET = 200  # readings at the beginning that should be at rest
-_DRIFT = (0.02, 0.2)  # of the travel: drift over the record that is doubtful, impossible
 _WINDOW = 24  # readings that do not repeat by chance, and in which a lost or doubled one is looked for
 
 SINGLE_ROWS, BEGINNING = "lost or doubled rows", "beginning of the record"
@@ -158,18 +156,34 @@ def of_recordings(
     return [*found, shared_rows(traces)], [*others, *of_record(moved, record)]
 
 
-def of_readings(trace: Trace, gravity: float, hum: Hum | None = None) -> list[Check]:
-    """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it."""
+def of_readings(
+    trace: Trace, gravity: float, hum: Hum | None = None, *, quiet: int = 200, drift: tuple[float, float] = (0.02, 0.2)
+) -> list[Check]:
+    """Evaluate continuity and noise of a record; ``hum`` of the mains was subtracted from it.
+
+    The first ``quiet`` readings should be at rest; their ``drift``, as parts of the travel over the whole record, is
+    doubtful, impossible. The noise of five parts of a record is compared.
+    """
     held = held_readings(trace)
-    found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace)]
+    found = [unread(trace), held, repeated_rows(trace), resolution(trace)]
+    name, parts = "change of the noise", [x[np.isfinite(x)] for x in np.array_split(trace.reading, 5)]
+    if min(part.size for part in parts) < quiet:
+        found.append(not_made(name, f"{5 * quiet} readings"))
+    else:
+        sizes = np.maximum([estimate_noise(part).sigma for part in parts], trace.resolution / sqrt(12.0)).tolist()
+        least, most = min(sizes), max(sizes)
+        low, high = (f"{quantity(size, 'm')} in part {sizes.index(size) + 1}" for size in (least, most))
+        cause = "light, surface, gain or averaging of the sensor changed while it recorded"
+        level: Level | None = "doubtful" if most > 10.0 * least else "note" if most > 3.0 * least else None
+        found.append(trace.seen(name, f"noise of {low} of 5, {high}", level, cause))
     if held.level is None:
         found += [_jumps(trace), _single_rows(trace)]
     if hum is None:
-        return [*found, _beginning(trace, gravity)]
+        return [*found, _beginning(trace, gravity, quiet, drift)]
     left = float(np.sqrt(np.mean(np.sum(hum.modes(trace.time) ** 2, axis=1))))
     text = f"hum of {quantity(hum.amplitude, 'm')} at {hum.frequency:.4g} Hz, subtracted to "
     text += f"± {quantity(left, 'm')}, which is in the uncertainties"
-    level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
+    level = "note" if left < 0.01 * trace.travel else "doubtful"
     cause = "mains hum: ground the sensor, or average over one period"
     return [*found, trace.seen("mains hum", text, level, cause)]
 
@@ -190,13 +204,13 @@ def unread(trace: Trace) -> Check:
 
 def held_readings(trace: Trace) -> Check:
     """Look for a body that stays on one reading while it should move."""
-    name, x, (longest, start) = "clipped or held readings", trace.reading, _held(trace)
+    name, x, (longest, start, is_inside) = "clipped or held readings", trace.reading, _held(trace)
     if not longest:
         return trace.seen(name, "no clipped or held readings")
     is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
     until = "until the end" if is_tail else "in the middle of motion"
     text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
-    if not is_tail and _is_inside(trace, start):
+    if not is_tail and is_inside:
         cause = "the sensor, its cable or the controller held its last value there; what passed meanwhile is not known"
         return trace.seen(name, f"{text}; left out", "doubtful", cause)
     cause = _WRONG_CHANNEL if is_constant else _HELD
@@ -205,8 +219,11 @@ def held_readings(trace: Trace) -> Check:
     return trace.seen(name, text, "impossible", cause)
 
 
-def _held(trace: Trace) -> tuple[int, int]:
-    """Return length less one and start of the longest run of equal readings within a motion; (0, 0) for none."""
+def _held(trace: Trace) -> tuple[int, int, bool]:
+    """Return length less one and start of the longest run of equal readings within a motion, 0 for none.
+
+    Return too whether it is far from both ends of the range, where a sensor clips or an impact turns the body.
+    """
     x, step = trace.reading, trace.resolution
     moves = np.abs(np.diff(x))
     usual = float(np.nanquantile(moves, 0.98))
@@ -214,22 +231,17 @@ def _held(trace: Trace) -> tuple[int, int]:
     around = np.abs(x[max(start - 4, 0) : start + longest + 5] - x[start])
     away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
     is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + trace.limit)
-    return (longest, start) if longest >= FLAT and (is_moving or longest >= x.size - 2) else (0, 0)
-
-
-def _is_inside(trace: Trace, start: int) -> bool:
-    """Whether a held reading is far from both ends of the range, where a sensor clips or an impact turns the body."""
-    low, high = np.nanmin(trace.reading), np.nanmax(trace.reading)
-    return bool(low + 0.1 * (high - low) < trace.reading[start] < high - 0.1 * (high - low))
+    if longest < FLAT or not (is_moving or longest >= x.size - 2):
+        return 0, 0, False
+    share = (x[start] - np.nanmin(x)) / (np.nanmax(x) - np.nanmin(x) or 1.0)
+    return longest, start, bool(0.1 < share < 0.9)
 
 
 def without_held(readings: xr.Dataset, output: str) -> xr.Dataset:
     """Leave out readings that were held in mid-motion, where the rest of a record can be evaluated without them."""
     trace = Trace.of("", readings, output)
-    if trace is None or np.isfinite(trace.reading).sum() < 10 * FLAT:
-        return readings
-    longest, start = _held(trace)
-    if not longest or start + longest >= trace.reading.size - 2 or not _is_inside(trace, start):
+    longest, start, is_inside = (0, 0, False) if trace is None else _held(trace)
+    if trace is None or start + longest >= trace.reading.size - 2 or not is_inside:
         return readings
     is_held = np.zeros(trace.reading.size, bool)
     is_held[start + 1 : start + longest + 1] = True  # the first was read
@@ -382,27 +394,13 @@ def resolution(trace: Trace) -> Check:
     return trace.seen(name, text, level, cause)
 
 
-def _steady_noise(trace: Trace) -> Check:
-    """Compare the noise of five parts of a record."""
-    name, parts = "change of the noise", [x[np.isfinite(x)] for x in np.array_split(trace.reading, 5)]
-    if min(part.size for part in parts) < _QUIET:
-        return not_made(name, f"{5 * _QUIET} readings")
-    sizes = np.maximum([estimate_noise(part).sigma for part in parts], trace.resolution / sqrt(12.0))
-    least, most = float(sizes.min()), float(sizes.max())
-    low, high = (int(np.argmax(sizes == size)) + 1 for size in (least, most))
-    text = f"noise of {quantity(least, 'm')} in part {low} of 5, {quantity(most, 'm')} in part {high}"
-    cause = "light, surface, gain or averaging of the sensor changed while it recorded"
-    level: Level | None = "doubtful" if most > 10.0 * least else "note" if most > 3.0 * least else None
-    return trace.seen(name, text, level, cause)
-
-
-def _beginning(trace: Trace, gravity: float) -> Check:
+def _beginning(trace: Trace, gravity: float, quiet: int, parts: tuple[float, float]) -> Check:
     """Compare the first readings with a body at rest: neither in free fall nor drifting."""
-    name, known = BEGINNING, np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
+    name, known = BEGINNING, np.flatnonzero(np.isfinite(trace.reading))[:quiet]
     t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     keep = np.abs(x - np.median(x)) <= max(0.25 * trace.travel, 20 * trace.noise)
-    if keep.sum() < _QUIET // 2:
-        return not_made(name, f"{_QUIET} quiet readings")
+    if keep.sum() < quiet // 2:
+        return not_made(name, f"{quiet} quiet readings")
     t, x = t[keep], x[keep]
     span = float(t[-1])
     bend, slope = 2 * float(np.polyfit(t, x, 2)[0]), float(np.polyfit(t, x, 1)[0])
@@ -415,7 +413,7 @@ def _beginning(trace: Trace, gravity: float) -> Check:
     if not (abs(slope) > max(DOUBTFUL * u_slope, abs(bend) * span) and drift > trace.limit):
         return trace.seen(name, "at rest in the beginning")
     text = f"the readings drift by {quantity(slope, 'm/s')} before the release, {quantity(drift, 'm')} over the record"
-    few, many = (drift > part * trace.travel for part in _DRIFT)
+    few, many = (drift > part * trace.travel for part in parts)
     level: Level = "impossible" if many else "doubtful" if few else "note"
     return trace.seen(name, text, level, "drift of the sensor or of its holder: let it warm up, or fasten it")
 

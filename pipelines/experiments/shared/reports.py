@@ -1,6 +1,6 @@
 """The page of an experiment: its verdict, and the sections that its kind lists."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,9 +47,30 @@ class Report:
         details: list[Block] = [KeyValues(told)] if self.details and (told := given.ask(self.details)) else []
         if self.rows and not rows and not context.failures:
             details.append(Notice("info", "There is nothing to compare with."))
+        if rows:  # measurement and expectation of each quantity; of many folded away
+            heads = (
+                *map(Column, ("quantity", "measured", "expected", "difference")),
+                *(Column("deviation", "u", digits=2), Column("nRMSE", "%", digits=3), Column("p", digits=2)),
+            )
+            cells = [
+                (
+                    ", ".join(filter(None, (row.quantity, row.material, row.condition))),
+                    *(text and text.replace(" ", "\N{NO-BREAK SPACE}") for text in row.texts),
+                    row.deviation,
+                    None if row.nrmse is None else 100 * row.nrmse,
+                    row.p,
+                )
+                for row in rows
+            ]
+            caption = "Of a curve the difference is the mean one, and nRMSE is relative to the range of the model."
+            if any("restitution" in row.quantity and row.measured and row.model is None for row in rows):
+                caption += " None is expected of an impact whose time is uncertain by over 0.25 rad of the plate's "
+                caption += "vibration."
+            table = Table(heads, cells, caption=caption)
+            details.append(Details(f"All {len(cells)} compared values", [table]) if len(cells) > 12 else table)
         text = given.ask(self.methods)
         sections = [
-            Section("Summary", [*details, *_compared(rows)]),
+            Section("Summary", details),
             *given.each(self.sections),
             budgets(given.ask(self.budget) or (), context.experiment),
             *([methods(text, settings)] if text else []),
@@ -57,30 +78,6 @@ class Report:
         ]
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
         return document(context, subtitle, sections, (answer, *exclusion_notice(settings)), basis).render()
-
-
-def _compared(rows: Sequence[Row]) -> Iterator[Block]:
-    """Show measurement and expectation of each quantity; of many it is folded away."""
-    columns = (
-        *map(Column, ("quantity", "measured", "expected", "difference")),
-        *(Column("deviation", "u", digits=2), Column("nRMSE", "%", digits=3), Column("p", digits=2)),
-    )
-    cells = [
-        (
-            ", ".join(filter(None, (row.quantity, row.material, row.condition))),
-            *(text and text.replace(" ", "\N{NO-BREAK SPACE}") for text in row.texts),
-            row.deviation,
-            None if row.nrmse is None else 100 * row.nrmse,
-            row.p,
-        )
-        for row in rows
-    ]
-    caption = "Of a curve the difference is the mean one, and nRMSE is relative to the range of the model."
-    if any("restitution" in row.quantity and row.measured and row.model is None for row in rows):
-        caption += " None is expected of an impact whose time is uncertain by over 0.25 rad of the plate's vibration."
-    if cells:
-        table = Table(columns, cells, caption=caption)
-        yield Details(f"All {len(cells)} compared values", [table]) if len(cells) > 12 else table
 
 
 def is_there(result: xr.Dataset) -> bool:

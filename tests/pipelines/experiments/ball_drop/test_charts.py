@@ -1,10 +1,12 @@
 """Windows of a ball drop's charts show one impact each."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
 
-from pipelines.experiments.ball_drop.page import _apart
+from pipelines.experiments.ball_drop.page import _tables
 from pipelines.experiments.shared.pages import impact_views
 
 
@@ -16,5 +18,9 @@ def test_a_view_is_a_little_longer_than_its_contact_and_never_that_of_a_missing_
 
 
 def test_an_outlier_says_in_which_quantity() -> None:
-    fell = [xr.Dataset({"drop_height": h, "restitution": ("impact", [0.9])}) for h in (1.5e-3, 4.996e-3, 1.5e-3)]
-    assert _apart(fell, 1) == "outlier: fall 4.996 mm, others 1.500 mm"
+    times = ("release_time", "first_contact_time", "settling_time", "rest_time", "u_rest_time")
+    known = {name: ((), 0.1, {"units": "s"}) for name in times} | {"restitution": ("impact", [0.9])}
+    fell = [xr.Dataset(known | {"drop_height": ((), h, {"units": "m"})}) for h in (1.5e-3, 4.996e-3, 1.5e-3)]
+    repeats = xr.Dataset({"is_outlier": ("repeat", [False, True, False]), "impact": [1], "n_repeats": ("impact", [3])})
+    shown = repr(list(_tables(SimpleNamespace(laser=["a", "b", "c"]), fell, repeats)))
+    assert shown.count("outlier: ") == shown.count("outlier: fall 4.996 mm, others 1.500 mm") == 1
