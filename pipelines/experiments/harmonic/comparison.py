@@ -14,16 +14,18 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import (
     FORCE_SCALE,
     STIFFNESS,
+    STRETCHES,
     Row,
     curve_row,
     curve_table,
     row,
     with_its_u,
 )
-from pipelines.experiments.shared.model_inputs import inputs_of
+from pipelines.experiments.shared.model_inputs import inputs_of, table_of
 from pipelines.experiments.shared.punch_model import laid_along
 
-_PARTS = 12  # of a cycle, in which it is laid against the model
+_PARTS = 4 * STRETCHES
+"""Stretches of a cycle that are compared, as many in each quarter as in a part of another curve."""
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -45,7 +47,8 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         agreed.append((along, nrmse(force, passed), float(np.mean(force - passed))))
     table = curve_table("oscillation", agreed, "N")
     table["simulated_force"] = variable("sample", simulated, "N", "simulated force, filtered")
-    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+    inputs = inputs_of(model) | {DELAY: mach1_readings.filter_delay(loads)}
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]}).merge(table_of(inputs))
 
 
 DELAY = "delay of the force"

@@ -25,7 +25,6 @@ from pipelines.experiments.shared.punch_model import TOUCH, laid_along
 
 _SLOPES = "slope_plateau_force"
 _PARTS = ("ramp", "early", "late")
-_FIRST = 0.05  # of the early part, behind which its first stretch begins: the filter is still on its way
 
 
 def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
@@ -54,7 +53,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         for part, (since, before) in (spans | {"all": (begin, last)}).items():
             there = gap[(time >= since) & (time <= before)]
             error = float(np.sqrt(np.mean(there**2))) / extent if there.size else np.nan
-            at = since + _FIRST * (before - since) * (part == "early")
+            at = since + (mach1_readings.filter_settles(loads) if part == "early" else 0.0)
             within = inside.start + np.flatnonzero((time >= at) & (time <= before))
             places = split(loads["time"].values, within, at, before, end) if part != "all" else []
             along = laid_along(loads, measured, passed, places, model) if places else None

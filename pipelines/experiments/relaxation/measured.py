@@ -25,7 +25,6 @@ from pipelines.experiments.shared.mach1_touch import STEP
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 
-_ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
 _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
 _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
@@ -69,14 +68,13 @@ def find(loads: xr.Dataset) -> list[dict[str, float]]:
             time, position, force = (loads[name].values[rows] for name in ("time", "position_z", "force"))
             if not (np.isfinite(position).all() and np.isfinite(force).all()):
                 raise InputError(f"block {block + 1}: a reading of position or force is missing during the test")
-            held, start = float(np.median(position[position.size // 2 :])), float(position[0])
-            travel = held - (start if begins else found[-1]["held"])
+            held, near = mach1_readings.hold_of(position)
+            travel = held - (float(position[0]) if begins else found[-1]["held"])
             if abs(travel) < 10 * STEP:
                 raise InputError(
                     f"block {block + 1}: the stage moves by {travel * 1e6:.3g} µm only, so there is no ramp; a "
                     "relaxation test has one"
                 )
-            near = max(_ARRIVED * abs(travel), 2 * STEP)
             arrived = np.abs(position - held) <= near
             begin = max(int(np.argmax(np.abs(position - held + travel) > near)) - 1, 0)
             end = int(np.argmax(arrived))
