@@ -15,13 +15,12 @@ from labpipe.errors import LabpipeError
 from labpipe.files import printable
 from labpipe.materials import loading_of
 from pipelines.experiments._kind import Found, Proposed
-from pipelines.experiments.dma.settings import MODES
+from pipelines.experiments.dma.settings import MODES, Sweeps
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
 
 _NEEDED = {"storage_modulus", "frequency"}
 _AT = re.compile(r"[_\- ]*(?<![A-Za-z0-9])(?:T=?)?([m+-]?\d+(?:[.p]\d+)?)[_ ]?(°?C|degC|d|K|deg)(?![A-Za-z0-9])")
-_ONE = 3.0  # K: readings of a file within it are one isotherm
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
@@ -35,7 +34,7 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
 
     def stem(name: str) -> str:
         whole, T = proposals.whole_stem(name), tables[name].get("temperature")
-        is_isotherm = T is None or float(T.max() - T.min()) <= _ONE
+        is_isotherm = T is None or float(T.max() - T.min()) <= 2 * Sweeps().tolerance
         return (_AT.sub("", whole) or whole) if is_isotherm else whole
 
     yield from proposals.of_groups(stem)(partial(_text, tables))(found, tables)
