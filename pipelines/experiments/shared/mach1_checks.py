@@ -99,7 +99,6 @@ _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the n
 _LEAVES = 20.0
 """Steps of the cell by which a force changes in as many readings before or after as it stays at an extreme: behind a
 smooth peak that stays on one step for n readings it changes by 8 in n more."""
-_DELAYS = 0.6  # of the delay of a Butterworth, by which another filter may have less (three equal poles) or more
 _U_GAIN = 0.1  # of the logarithm of true over displayed force, by age and handling of a cell
 _LARGEST_PUNCH = 0.5  # m, either way
 
@@ -174,7 +173,19 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     outliers, lost, step = _continuity(blocks)
     found = [order if known else not_made(_SWAPPED, "a declared amplitude"), *_commands_kept(blocks), _response(blocks)]
     found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
-    return [*found, *_alignment(blocks), *_range_of_cell(blocks), outliers, lost, step]
+    found += [*_range_of_cell(blocks), outliers, lost, step]
+    tilts = []
+    for part in (part for part in blocks if part.lateral and part.stiffness[-1]):
+        lines = [linregress(part.force, side, nan_policy="omit") for side in part.lateral]
+        tilts.append((hypot(*(line.slope for line in lines)), hypot(*(line.stderr for line in lines)), part))
+    if tilts:
+        worst, u, part = max(tilts, key=lambda one: one[0])
+        text = f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is "
+        cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
+        place: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
+        text += "expected of an aligned punch"
+        found.append(bounded(ALIGNMENT, text, worst, max(u, 1e-3), at_most=_LATERAL, **place))
+    return found
 
 
 def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
@@ -251,19 +262,6 @@ def _response(blocks: Sequence[Part]) -> Check:
             cause = f"the force lags by over a quarter period in block {part.number + 1}: filter or delay of the cell"
             cause += " are not those of its record"
     return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
-
-
-def _alignment(blocks: Sequence[Part]) -> Iterator[Check]:
-    found = []
-    for part in (part for part in blocks if part.lateral and part.stiffness[-1]):
-        lines = [linregress(part.force, side, nan_policy="omit") for side in part.lateral]
-        found.append((hypot(*(line.slope for line in lines)), hypot(*(line.stderr for line in lines)), part))
-    if found:
-        worst, u, part = max(found, key=lambda one: one[0])
-        text = f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is "
-        cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
-        place: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
-        yield bounded(ALIGNMENT, f"{text}expected of an aligned punch", worst, max(u, 1e-3), at_most=_LATERAL, **place)
 
 
 def _range_of_cell(blocks: Sequence[Part]) -> Iterator[Check]:
@@ -353,13 +351,12 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     if declared is None or measured is None:
         yield not_made(_DELAY, "a measured delay, and a declared filter")
         return
-    value, u = measured
-    expected = mach1_readings.filter_delay(as_declared).value
+    (value, u), (expected, u_type, _) = measured, mach1_readings.filter_delay(as_declared)
     seen, usual = quantity(value, "s"), quantity(expected, "s")
     text = f"{record}: the delay is {seen}, a filter of order {int(declared['order'])} and {declared['cutoff']:.3g} Hz "
     cause = f"the delay of the filter in {record} is probably {usual}, not {seen}"
     place: dict[str, Any] = {"file": record, "setting": "values.filter_delay", "cause": cause}
-    place["allowance"] = _DELAYS * expected
+    place["allowance"] = 3.0**0.5 * u_type  # the usual types differ from a Butterworth by so much at most
     yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
 
 
