@@ -30,7 +30,6 @@ _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is
 _FEWEST = 20  # readings of a hold
 _PLATEAU = 0.1  # of a hold, its last part
 _NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
-_BINS_PER_DECADE = 12  # of the relaxation curve
 _COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
     "travel": ("m", "travel of the ramp"),
@@ -167,30 +166,36 @@ def _u_of_means(loads: xr.Dataset, since: Floats, force: Floats, count: Integers
 
 
 def curves(
-    loads: xr.Dataset, ramps: xr.Dataset, material_file: Path | None, fitted: xr.Dataset | None, *, settings: Relaxation
+    loads: xr.Dataset,
+    ramps: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+    per_decade: int = 12,
 ) -> xr.Dataset:
     """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
 
-    The force of every hold is binned over the logarithm of the time since the stage arrived, at the bins' mean times.
-    Of the named material only Poisson's ratio is used.
+    The force of every hold is averaged in bins, so many ``per_decade`` of the time since the stage arrived; it is that
+    at the mean of the logarithm of time, in which relaxation hardly bends. Of the named material only Poisson's ratio
+    is used.
     """
     interval, longest = float(loads["sampling_interval"][int(ramps["block"][0])]), float(ramps["duration"].max())
-    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * _BINS_PER_DECADE) + 2)
+    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * per_decade) + 2)
     text = "force in the hold, as recorded behind the cell's filter"
     words = {
         "force": ("N", text),
         "u_force": ("N", f"standard uncertainty from noise: {text}"),
-        "mean_time": ("s", "mean time of a bin's readings since the stage arrived"),
-        "time_spread": ("s", "standard deviation of the times of a bin's readings"),
+        "mean_time": ("s", "time since the stage arrived, mean of a bin's readings by its logarithm"),
     }
     table = np.full((len(words), ramps.sizes["ramp"], edges.size - 1), np.nan)
     for i, (rows, end) in enumerate(zip(samples(ramps), ramps["end"].values, strict=True)):
         since, force = loads["time"].values[rows] - end, loads["force"].values[rows]
-        bins = pd.DataFrame({"time": since, "force": force}).groupby(np.searchsorted(edges, since, side="right") - 1)
+        inside = (since >= edges[0]) & (since < edges[-1])
+        held = pd.DataFrame({"force": force[inside], "time": np.log(since[inside])})
+        bins = held.groupby(np.searchsorted(edges, since[inside], side="right") - 1)
         mean, u = bins.mean(), _u_of_means(loads, since, force, np.asarray(bins.size(), np.int64))
-        made = np.array([mean["force"], u, mean["time"], bins["time"].std(ddof=0)])
-        inside = (mean.index >= 0) & (mean.index < edges.size - 1)
-        table[:, i, mean.index[inside]] = made[:, inside]
+        table[:, i, mean.index] = mean["force"], u, np.exp(mean["time"])
     kept = np.isfinite(table[0]).any(axis=0)
     lag = np.sqrt(edges[1:] * edges[:-1])[kept]
     dims = ("ramp", "lag")

@@ -79,11 +79,6 @@ def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
     return found
 
 
-def laws(titles: Titles) -> dict[str, str]:
-    """Return the sentence of each check of a kind, in the order of its page."""
-    return {title: of.law for title, of in {**titles, **COMMON}.items()}
-
-
 def u_modulus(material: Any) -> float:
     """Return the relative standard uncertainty of the modulus of a solid as settings choose it."""
     return MEASURED if measured_by(material) else BY_NAME
@@ -99,7 +94,8 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects``
     explanations of a model that differs, and ``is_explained`` whether the first of them is plausible.
     """
-    judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws(titles))
+    laws = {title: of.law for title, of in {**titles, **COMMON}.items()}  # in the order of the page
+    judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws)
     made = Compared.of(scene)
     names, found, smallest = made.names, None, np.full(len(made.names), np.inf)
     if made.rows:
