@@ -62,8 +62,9 @@ def _of_file(
     unknowns: Sequence[Parameter],
 ) -> tuple[Floats, list[Parameter], Callable[[Floats], Evidence]]:
     """Return times [s], unknowns, and the evidence by relaxation times, of the ramps and holds of one file."""
+    # half of two forces, a deviation of the times before and after their mean, has the mean of any parabola
     kept = (curves["mean_time"].values >= mach1_readings.filter_settles(loads)) & np.isfinite(curves["force"].values)
-    lag, force, u = (curves[n].values[kept] for n in ("mean_time", "force", "u_force"))
+    lag, force, width, u = (curves[n].values[kept] for n in ("mean_time", "force", "time_spread", "u_force"))
     u = np.maximum(u, least * force)
     touch, u_touch = (float(ramps[n]) for n in ("contact_position", "u_contact_position"))
     zero = nuisance(f"{label} first touch", 0.0, u_touch, "m", "stage position of first touch")
@@ -74,11 +75,12 @@ def _of_file(
     first = ramps["first"].values.astype(int)
     begins = (clock - time)[first] + ramps["end"].values
     at = begins[np.nonzero(kept)[0]] + lag - delay.value
+    places = np.array([at - width, at + width])
     # the history of the contact, which no choice of relaxation times changes
     position = loads["position_z"].values
     told = mach1_readings.history(clock, position)
-    grid = np.union1d(clock[told], at)
-    rows = np.searchsorted(grid, at)
+    grid = np.union1d(clock[told], places)
+    rows = np.searchsorted(grid, places)
     areas = []  # elastic force over reduced modulus, by interpolation
     for shift in (0.0, SHIFT):
         # a contact that once was as wide keeps its width: the running maximum stands for the depth
@@ -88,7 +90,8 @@ def _of_file(
         areas.append(np.interp(grid, clock[told], forces))
 
     def basis(rho: Floats, area: Floats) -> Floats:
-        return np.asarray(lee_radok_basis(grid, area, rho, geometry.nu)[rows])
+        made = lee_radok_basis(grid, area, rho, geometry.nu)
+        return np.asarray(0.5 * (made[rows[0]] + made[rows[1]]))
 
     def build(rho: Floats) -> Evidence:
         usual = basis(rho, areas[0])

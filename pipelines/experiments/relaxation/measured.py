@@ -176,9 +176,8 @@ def curves(
 ) -> xr.Dataset:
     """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
 
-    The force of every hold is averaged in bins, so many ``per_decade`` of the time since the stage arrived; it is that
-    at the mean of the logarithm of time, in which relaxation hardly bends. Of the named material only Poisson's ratio
-    is used.
+    The force of every hold is averaged in bins, so many ``per_decade`` of the time since the stage arrived, at the
+    bins' mean times. Of the named material only Poisson's ratio is used.
     """
     interval, longest = float(loads["sampling_interval"][int(ramps["block"][0])]), float(ramps["duration"].max())
     edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * per_decade) + 2)
@@ -186,16 +185,17 @@ def curves(
     words = {
         "force": ("N", text),
         "u_force": ("N", f"standard uncertainty from noise: {text}"),
-        "mean_time": ("s", "time since the stage arrived, mean of a bin's readings by its logarithm"),
+        "mean_time": ("s", "mean time of a bin's readings since the stage arrived"),
+        "time_spread": ("s", "standard deviation of the times of a bin's readings"),
     }
     table = np.full((len(words), ramps.sizes["ramp"], edges.size - 1), np.nan)
     for i, (rows, end) in enumerate(zip(samples(ramps), ramps["end"].values, strict=True)):
         since, force = loads["time"].values[rows] - end, loads["force"].values[rows]
         inside = (since >= edges[0]) & (since < edges[-1])
-        held = pd.DataFrame({"force": force[inside], "time": np.log(since[inside])})
+        held = pd.DataFrame({"force": force[inside], "time": since[inside]})
         bins = held.groupby(np.searchsorted(edges, since[inside], side="right") - 1)
         mean, u = bins.mean(), _u_of_means(loads, since, force, np.asarray(bins.size(), np.int64))
-        table[:, i, mean.index] = mean["force"], u, np.exp(mean["time"])
+        table[:, i, mean.index] = mean["force"], u, mean["time"], bins["time"].std(ddof=0)
     kept = np.isfinite(table[0]).any(axis=0)
     lag = np.sqrt(edges[1:] * edges[:-1])[kept]
     dims = ("ramp", "lag")
