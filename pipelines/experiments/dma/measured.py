@@ -56,7 +56,7 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     )
 
 
-def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
+def sweeps(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps
     made = gather_sweeps(readings, settings.mode, settings.nu.value, tolerance=options.tolerance, fewest=options.fewest)

@@ -20,7 +20,7 @@ TOUCH, DRIFT = "first touch", "drift of the zero"
 
 
 def comparison(
-    displacement: xr.Dataset, approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading
+    displacement: xr.Dataset, steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading
 ) -> xr.Dataset:
     """Compare the record with the viscoelastic model and with Hertz's steps.
 

@@ -1,7 +1,7 @@
 """The stage of a judgement: titles of checks, the experiments it rests on, and checks and comparison as one verdict."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Agreement, Check, Judgement, agreement, detectable, judge, model_verdict, to_json
+from labpipe.judging import Agreement, Check, agreement, detectable, judge, model_verdict, to_json
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -113,7 +113,12 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     elif model == "differs" and scene.basis.is_sound:
         reason = undecided_by(scene.inputs, made)
     elif model == "agrees":
-        reason = _doubted(judged, {name for row in made.rows for name in row.slopes} | set(scene.inputs))
+        taken = {name for row in made.rows for name in row.slopes} | set(scene.inputs)
+        settings = (finding.setting for finding in judged.findings if finding.level == "doubtful")
+        doubted = next((setting for setting in settings if setting.rpartition(".")[2] in taken), "")
+        reason = f"{doubted}, which the model takes, is doubtful itself" if doubted else ""
+        if judged.believable == "impossible":
+            reason = "a record that cannot be as it is agrees with nothing"
     is_held = scene.basis.is_sound and not reason
     told, is_plausible = list[str](), True
     if model == "differs" or not is_held:
@@ -145,17 +150,6 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
             "is_explained": int(is_plausible),
         },
     )
-
-
-def _doubted(judged: Judgement, inputs: Set[str]) -> str:
-    """Say why nothing can agree: the record is impossible, or a value that the model takes is not believed."""
-    for finding in judged.findings:
-        if finding.level == "impossible":
-            return "a record that cannot be as it is agrees with nothing"
-        name = finding.setting.rpartition(".")[2]
-        if finding.level == "doubtful" and name in inputs:
-            return f"{finding.setting}, which the model takes, is doubtful itself"
-    return ""
 
 
 def judging(
