@@ -34,10 +34,9 @@ from labpipe.judging import (
 )
 from labpipe.report import quantity
 from labpipe.signals import estimate_noise
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, mach1_readings
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row
+from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Title
 from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
@@ -140,10 +139,7 @@ def scene(
     checks += _of_punch(settings, deepest)
     failed = judgements.failed_steps(context, _FAILED)
     checks += [*of_cell, *(placed(check, *files, settings.load_cell.record) for check in failed)]
-    gain = Quantity(1.0, 0.0 if cell is None else mach1_readings.relative_gain(cell), "1")
-    known = {FORCE_SCALE: gain, STIFFNESS: Quantity(1.0, 0.0, "1")}
-    for compared_with in steps[-1]:
-        known |= inputs_of(compared_with)
+    known = {name: value for compared_with in steps[-1] for name, value in inputs_of(compared_with).items()}
     shared = {TOUCH: known.pop(TOUCH)} if TOUCH in known else {}
     source = judgements.measured_by(settings.substrate)
     return judgements.Scene(checks, (), given.each([rows]), known, shared, given.get("basis"), measured_by=source)

@@ -10,7 +10,7 @@ from labpipe.signals import nrmse
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.comparison_rows import Row, curve_row, curve_table, row, split, with_its_u
-from pipelines.experiments.shared.model_inputs import inputs_of, table_of
+from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
 from pipelines.experiments.static_loading.measured import spans, windows
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -85,7 +85,7 @@ def rows(comparison: xr.Dataset, approach: xr.Dataset, *, settings: StaticLoadin
             "m",
             1,
             condition=f"{load.mass.value:g} kg",
-            slopes=dict(zip(comparison["uncertain"].values.tolist(), comparison["slope"].values[:, i], strict=True)),
+            slopes=slopes_of(comparison, "slope", i),
             measured=with_its_u(approach, "level_contact_radius", i),
             model=with_its_u(comparison, "radius_model", i),
             u_difference=comparison["u_radius_difference"][i],
