@@ -106,7 +106,7 @@ def judgement(
     checks, nu, cause = judgements.failed_steps(context, _FAILED), settings.nu, ""
     if 0.25 <= 10 * nu.value <= 0.5:
         cause = f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped"
-    text, place = f"nu = {nu.value:g}, polymers have 0.2 to 0.5", {"setting": "nu", "cause": cause}
+    text, place = f"nu = {nu.value:g}, polymers have 0.2 to 0.5", dict[str, Any](setting="nu", cause=cause)
     checks.append(bounded("Poisson's ratio", text, nu.value, max(nu.u, 1e-3), at_least=0.2, is_law=False, **place))
     checks += [check for export in exports for of in (_moduli, _temperatures) for check in of(export)]
     checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality, _clamped)]

@@ -1,7 +1,7 @@
 """The report of a dynamic mechanical analysis."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, Literal
 
@@ -174,8 +174,8 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
     return text, fits if ShiftLaw.of(law).holds else f"{fits}: does not hold"
 
 
-def _master(master_curve: xr.Dataset) -> Section:
-    """Show the fitted spectrum and the shifted points of each temperature, coldest first, on a scale of colours."""
+def _master(context: Context, master_curve: xr.Dataset) -> Iterator[Section]:
+    """Show the shifted points, on a scale of colours from the coldest, the fitted spectrum, and how to export it."""
     x, T = master_curve["reduced_frequency"].values, master_curve["temperature"].values
     label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
     titles = [with_minus(f"{each:.0f} °C") for each in T]
@@ -198,7 +198,19 @@ def _master(master_curve: xr.Dataset) -> Section:
         labels = (f"{title}, master curve", label, f"{title.lower()} / MPa", curves)
         caption = _BAND if name == "storage" else ""
         blocks.append(pages.chart(*labels, **_LOG_LOG, group="master", height_px=300, caption=caption))
-    return Section("Master curve", blocks)
+    yield Section("Master curve", blocks)
+    outside = master_curve["extrapolated"].values.astype(bool)
+    text = (
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {float(master_curve['T_ref']):.4g} °C, in tension. "
+        f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
+        "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
+    )
+    rho, E = master_curve["rho"].values, master_curve["E"].values
+    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
+    if outside.any():
+        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
+    chart = pages.chart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, **_LOG_LOG)
+    yield Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
 
 
 def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset | None] = ()) -> Section:
@@ -238,22 +250,6 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
     return Section("Temperature sweep", (Details("Moduli and loss factor over temperature", charts),))
 
 
-def _terms(context: Context, master_curve: xr.Dataset) -> Section:
-    """Show the spectrum, and how to export it."""
-    outside = master_curve["extrapolated"].values.astype(bool)
-    text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {float(master_curve['T_ref']):.4g} °C, in tension. "
-        f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
-        "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
-    )
-    rho, E = master_curve["rho"].values, master_curve["E"].values
-    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
-    if outside.any():
-        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
-    chart = pages.chart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, **_LOG_LOG)
-    return Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
-
-
 def _methods(settings: Dma, master_curve: xr.Dataset) -> str:
     T, asked = master_curve["temperature"].values, settings.fit.law
     text = f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
@@ -281,7 +277,7 @@ page = Report(
     subtitle="Dynamic mechanical analysis",
     shown=("readings", "sweeps", "master_curve", "temperature_sweep"),
     details=_details,
-    sections=(_master, _shifts, _transition, _readings, _terms),
+    sections=(_master, _shifts, _transition, _readings),
     budget=quantities,
     methods=_methods,
     counts={"temperature_sweep": is_there},

@@ -1,6 +1,7 @@
 """Comparison of a harmonic indentation with the model: force over time, and work per cycle."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -74,5 +75,6 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset) ->
         yield curve_row("force", "N", 1, comparison.isel(oscillation=i), condition=condition)
         for name in ("storage_stiffness", "work_per_cycle"):
             unit, title = COLUMNS[name]
-            both = {of: with_its_u(one, name, i) for of, one in (("measured", oscillations), ("model", model))}
-            yield row(title, unit, 1, condition=condition, slopes=slopes_of(comparison, f"slope_{name}", i), **both)
+            seen, simulated = (with_its_u(one, name, i) for one in (oscillations, model))
+            words: dict[str, Any] = {"condition": condition, "slopes": slopes_of(comparison, f"slope_{name}", i)}
+            yield row(title, unit, 1, measured=seen, model=simulated, **words)

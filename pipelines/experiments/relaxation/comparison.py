@@ -1,6 +1,7 @@
 """Comparison of relaxation tests with the model: force in the ramp, early, late; plateau."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -82,5 +83,5 @@ def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | N
             for part in _PARTS:
                 yield curve_row(f"force, {part}", "N", 1, compared.isel(ramp=i), f"_{part}", condition=condition)
             values = with_its_u(table, "plateau_force", i), with_its_u(compared, "plateau_force_model", i)
-            both, slopes = dict(zip(("measured", "model"), values, strict=True)), slopes_of(compared, "slope", i)
-            yield row("plateau force", "N", 1, condition=condition, slopes=slopes, **both)
+            words: dict[str, Any] = {"condition": condition, "slopes": slopes_of(compared, "slope", i)}
+            yield row("plateau force", "N", 1, measured=values[0], model=values[1], **words)

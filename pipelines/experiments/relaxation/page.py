@@ -100,8 +100,8 @@ def _forces(
         )
         if shown
     ]
-    ramp_chart = [LineChart(*labels, height_px=320, caption=filtered)] if around else []
-    return [Section("Ramp and peak", ramp_chart), Section("Relaxation", holds)]
+    chart = LineChart(*labels, height_px=320, caption=filtered)
+    return [Section("Ramp and peak", [chart]), Section("Relaxation", holds)]
 
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> str:
