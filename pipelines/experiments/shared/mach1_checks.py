@@ -262,12 +262,12 @@ def _response(blocks: Sequence[Part]) -> Check:
 
 def _range_of_cell(blocks: Sequence[Part]) -> Iterator[Check]:
     """Look for flat extremes of the force, and compare it with the capacity in the cell's name ("25kg SN:1886652")."""
-    saturated = Check(_SATURATION, f"{blocks[0].file}: no flat extremes", file=blocks[0].file)
-    for part in (part for part in reversed(blocks) if part.function in (OSCILLATION, RELAXATION)):
+    flat = list[Check]()
+    for part in (part for part in blocks if part.function in (OSCILLATION, RELAXATION)):
         force = part.force[np.isfinite(part.force)]
         steps = np.abs(np.diff(force))
         step = float(np.min(steps[steps > 0.0], initial=np.inf))
-        for extreme in (float(force.min()), float(force.max())) if np.isfinite(step) else ():
+        for extreme in (float(force.max()), float(force.min())) if np.isfinite(step) else ():
             n, first = longest_run(np.abs(force - extreme) < 0.5 * step)
             sides = force[[max(first - n, 0), min(first + 2 * n - 1, force.size - 1)]]
             leaves = float(np.abs(sides - extreme).max())
@@ -275,9 +275,9 @@ def _range_of_cell(blocks: Sequence[Part]) -> Iterator[Check]:
                 text = f"{part}: the force stays at {quantity(extreme, 'N')} for {n} readings from "
                 text += f"{quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
                 cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
-                saturated = Check(_SATURATION, text, "impossible", cause=cause, **part.place)
-    yield saturated
+                flat.append(Check(_SATURATION, text, "impossible", cause=cause, **part.place))
     part = blocks[0]
+    yield flat[0] if flat else Check(_SATURATION, f"{part.file}: no flat extremes", file=part.file)
     cell = str((part.header.get("load_cell") or {}).get("name") or "")
     said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
     if said is None:
