@@ -136,7 +136,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     begun(folder, sections, laser_plate=plate_laser_record())
     settings, sweeps = settings_of(folder, "plate"), settings_of(folder, dma_name(solid))
     curve = dma_model.master_curve(
-        dma.gathered([dma.readings(folder / export, settings=sweeps)], settings=sweeps), settings=sweeps
+        dma.sweeps([dma.readings(folder / export, settings=sweeps)], settings=sweeps), settings=sweeps
     )
     readings = laser_readings.readings(folder / name, settings=settings)
     record = folder / "calibration/laser_plate.toml"
@@ -251,7 +251,7 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
     export = write_dma(folder, name, solid, FEW, seed)
     settings = settings_for(name, export, T_ref=Quantity(at, 0.0, "degC"))
     read = dma.readings(folder / export, settings=settings)
-    found = dma_model.master_curve(dma.gathered([read], settings=settings), settings=settings)
+    found = dma_model.master_curve(dma.sweeps([read], settings=settings), settings=settings)
     shift = np.array(truth(folder, name)["log10_aT"]) - solid.log10_aT(at)
     note(scores, "shift factors", found["log10_aT"].values - shift, found["u_log10_aT"].values)
     frequency = found["reduced_frequency"].values

@@ -103,32 +103,24 @@ def judgement(
     named = zip(settings.rheometer, readings, strict=False)
     exports = [Export.of(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
     exports = [export for export in exports if export.data.sizes["sample"]]
-    checks = [*judgements.failed_steps(context, _FAILED), *_settings(exports, settings)]
+    checks, nu, cause = judgements.failed_steps(context, _FAILED), settings.nu, ""
+    if 0.25 <= 10 * nu.value <= 0.5:
+        cause = f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped"
+    text, place = f"nu = {nu.value:g}, polymers have 0.2 to 0.5", dict[str, Any](setting="nu", cause=cause)
+    checks.append(bounded("Poisson's ratio", text, nu.value, max(nu.u, 1e-3), at_least=0.2, is_law=False, **place))
     checks += [check for export in exports for of in (_moduli, _temperatures) for check in of(export)]
     checks += [of(export) for export in exports for of in (_frequencies, _single_values, _causality, _clamped)]
     every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda one: one.attrs["temperature"])
-    checks += [_softening(every), *_one_specimen(exports, 2 * settings.sweeps.tolerance)]
-    return Scene([*checks, _by_shifts(master_curve, every, settings.sweeps.tolerance), _superposition(master_curve)])
-
-
-def _settings(exports: Sequence[Export], settings: Dma) -> Iterator[Check]:
-    """Compare Poisson's ratio with that of polymers, and the mode of loading with the columns."""
-    nu, cause = settings.nu, ""
-    if 0.25 <= 10 * nu.value <= 0.5:
-        cause = f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped"
-    message, u = f"nu = {nu.value:g}, polymers have 0.2 to 0.5", max(nu.u, 1e-3)
-    yield bounded("Poisson's ratio", message, nu.value, u, at_least=0.2, is_law=False, setting="nu", cause=cause)
-    name = "mode of loading"
-    for export in exports:
-        seen, heading = loading_of(export.data)
-        if not seen:
-            yield not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
-            continue
-        message = f'{export.name} has a column "{heading}", session.toml says mode = "{settings.mode}"'
-        should, factor = "torsion or shear" if seen == "shear" else "tension or bending", in_words(2 * (1 + nu.value))
-        cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor} off"
-        is_other = (seen == "shear") != settings.is_shear
-        yield Check(name, message, "doubtful" if is_other else None, cause=cause, setting="mode")
+    checks += [_softening(every), *_one_specimen(exports), _by_shifts(master_curve, every, settings.sweeps.tolerance)]
+    if master_curve is None:
+        return Scene([*checks, not_made("superposition", "a master curve of several temperatures")])
+    # where superposition fails the predictions do as well
+    verdict, noise = (json.loads(master_curve.attrs[name]) for name in ("superposition", "noise"))
+    level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
+    storage, loss = (in_words(100 * noise[part], 2) for part in ("storage", "loss"))
+    text = next(iter(verdict["reasons"]), f"the master curve misses E′ by {storage} % and E″ by {loss} %")
+    cause = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
+    return Scene([*checks, Check("superposition", text, level, cause=cause)])
 
 
 def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
@@ -167,7 +159,7 @@ def _redundant(export: Export, name: str, seen: Floats, expected: Floats, cause:
 
 
 def _moduli(export: Export) -> Iterator[Check]:
-    """Repeat what a reader misses; compare the moduli with zero, those of polymers, loss factor, stress over strain."""
+    """Repeat what a reader misses; compare moduli with zero, polymers, other columns, and the stated mode."""
     missing = json.loads(str(export.data.attrs.get("cut", "[]")))
     whole = export.seen("whole file", f"{export.name}: nothing is missing")
     if missing:
@@ -200,6 +192,16 @@ def _moduli(export: Export) -> Iterator[Check]:
     cause, strain = "the unit of the moduli, of stress or of strain is wrong", export.values("strain")
     expected = np.divide(export.values("stress"), strain, out=np.zeros_like(strain), where=strain != 0.0)
     yield _redundant(export, "stress over strain", expected, size, cause, inf)
+
+    name, (seen, heading), settings = "mode of loading", loading_of(export.data), export.settings
+    if not seen:
+        yield not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
+        return
+    message = f'{file} has a column "{heading}", session.toml says mode = "{settings.mode}"'
+    should, factor = "torsion or shear" if seen == "shear" else "tension or bending", 2 * (1 + settings.nu.value)
+    cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {in_words(factor)} off"
+    level = "doubtful" if (seen == "shear") != settings.is_shear else None
+    yield Check(name, message, level, cause=cause, setting="mode")
 
 
 def _frequencies(export: Export) -> Check:
@@ -372,10 +374,11 @@ def _softening(sweeps: Sequence[xr.Dataset]) -> Check:
     return Check(name, text, level, cause=cause, file=sweeps[at + 1].attrs["file"])
 
 
-def _one_specimen(exports: Sequence[Export], tolerance: float) -> Iterator[Check]:
-    """Compare sweeps of two exports at one temperature, within a tolerance [K]."""
+def _one_specimen(exports: Sequence[Export]) -> Iterator[Check]:
+    """Compare sweeps of two exports at one temperature; each may stray by the tolerance."""
     name, is_known = "files of one specimen", False
     for first, second in combinations(exports, 2):
+        tolerance = 2 * first.settings.sweeps.tolerance
         pairs = product(first.sweeps, second.sweeps)
         near = (pair for pair in pairs if abs(pair[0].attrs["temperature"] - pair[1].attrs["temperature"]) < tolerance)
         gaps = [float(np.median(both[0] - both[1])) for both in map(_common_levels, near) if both is not None]
@@ -484,15 +487,3 @@ def _by_shifts(curve: xr.Dataset | None, sweeps: Sequence[xr.Dataset], strays: f
     text += ", and another sweep is stated at the same temperature" * bool(same.any())
     cause = f"the temperature of {place} is probably {T + off:.0f} °C, not {T:.1f} °C"
     return Check(_LABEL, text, "doubtful", cause=cause, file=sweep.attrs["file"])
-
-
-def _superposition(curve: xr.Dataset | None) -> Check:
-    """Hand on the verdict of the master curve: where superposition fails the predictions do as well."""
-    if curve is None:
-        return not_made("superposition", "a master curve of several temperatures")
-    verdict, noise = json.loads(curve.attrs["superposition"]), json.loads(curve.attrs["noise"])
-    level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
-    storage, loss = (in_words(100 * noise[part], 2) for part in ("storage", "loss"))
-    text = next(iter(verdict["reasons"]), f"the master curve misses E′ by {storage} % and E″ by {loss} %")
-    cause = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
-    return Check("superposition", text, level, cause=cause)

@@ -8,25 +8,23 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
+from labpipe.judging import DOUBTFUL
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import variable, with_u
 
-_HALF_WINDOW = 6.0  # K to either side in which a slope is fitted
 MEAN_OF = 5
 """Points of the moving mean that finds a maximum; twice as many make a sweep in which one is looked for."""
-_CREST = 0.75  # of a maximum's height above the lowest value; a cubic fits the part above
 _LEAST_DROP = 2.0  # a storage modulus that falls by less over the sweep shows no glass transition
-_HALF_DECADES = 0.5  # to either side of a maximum of the master curve, where a parabola in log-log fits it
-_SIGNIFICANT = 3.0  # standard uncertainties by which a peak must stand out of its ends
 
 
-def transitions(ramps: Sequence[tuple[float, Floats]]) -> xr.Dataset:
+def transitions(ramps: Sequence[tuple[float, Floats]], half_window: float = 6.0) -> xr.Dataset:
     """Return the readings of all temperature sweeps in one row, and the transition of every one.
 
     ``ramps`` are frequency [Hz] and (column, point) of each: temperature [degC], storage and loss modulus in tension
     [Pa]. Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
     ``frequency``, ``T_peak`` (maximum of tan δ) and ``T_drop`` (steepest fall of ln E′), each with its uncertainty, NaN
-    where there is none. The attribute ``reasons`` (JSON) says why there is no maximum, ramp by ramp.
+    where there is none; a slope is fitted over the ``half_window`` [K] to either side. The attribute ``reasons`` (JSON)
+    says why there is no maximum, ramp by ramp.
     """
     columns = [one[:, np.argsort(one[0], kind="stable")] for _, one in ramps]
     T, storage, loss = np.concatenate(columns, axis=1)
@@ -44,13 +42,13 @@ def transitions(ramps: Sequence[tuple[float, Floats]]) -> xr.Dataset:
         if E[0] / E[-1] >= _LEAST_DROP and not np.any(E <= 0):
             slope = np.full(T_of.size, np.nan)  # of ln E′, by parabolas through the neighbourhood of every point
             for j, centre in enumerate(T_of):
-                near = np.abs(T_of - centre) <= _HALF_WINDOW
-                is_inside = min(centre - T_of[0], T_of[-1] - centre) >= _HALF_WINDOW
+                near = np.abs(T_of - centre) <= half_window
+                is_inside = min(centre - T_of[0], T_of[-1] - centre) >= half_window
                 if is_inside and near.sum() >= MEAN_OF:
                     slope[j] = np.polyfit(T_of[near] - centre, np.log(E[near]), 2)[1]
             where, u = peak(T_of, -slope)
             # neighbouring slopes share readings, so their noise is common
-            shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T_of))), 1e-3), 1.0)
+            shared = max(2 * half_window / max(float(np.median(np.diff(T_of))), 1e-3), 1.0)
             found[i] = peak(T_of, E_loss / E), (where, u * float(np.sqrt(shared)))
     texts = ("maximum of the loss factor", "steepest fall of the storage modulus")
     for (at, u), name, text in zip(np.moveaxis(found, 0, 2), ("T_peak", "T_drop"), texts, strict=True):
@@ -73,11 +71,11 @@ def _why_none(T: Floats, storage: Floats, y: Floats) -> str:
     return f"the largest value, near the {'warm' if 2 * top > y.size else 'cold'} end, has too few readings beyond it"
 
 
-def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, str]:
+def over_frequency(curve: xr.Dataset, half_decades: float = 0.5) -> tuple[xr.Dataset, str]:
     """Return the glass transition over frequency, θ_g(f), by the shifts of a master curve.
 
     By E(ω, T) = b_T E(a_T ω, T_ref), tan δ at a frequency f has its maximum over temperature where a_T f is the
-    frequency of the maximum of the master curve.
+    frequency of the maximum of the master curve: that of a parabola over the ``half_decades`` to either side.
 
     Returns
     -------
@@ -95,9 +93,9 @@ def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, str]:
     moved = np.array([np.interp(T, near_T, row[order]) for row in curve["mode_shift"].values])
     storage, y, dims = curve["master_storage"].values[::-1], curve["master_loss_factor"].values, "transition_frequency"
     change = curve["mode_loss"].values - curve["mode_storage"].values
-    near = np.abs(x - x[np.argmax(y)]) <= _HALF_DECADES
+    near = np.abs(x - x[np.argmax(y)]) <= half_decades
     middle = x[near].mean()
-    is_inside = min(x[np.argmax(y)] - x[0], x[-1] - x[np.argmax(y)]) >= _HALF_DECADES
+    is_inside = min(x[np.argmax(y)] - x[0], x[-1] - x[np.argmax(y)]) >= half_decades
     lines = np.log(y[near]) + np.vstack([0 * x[near], [np.interp(x[near], near_x, row) for row in change]])
     bend, slope, _ = np.polyfit(x[near] - middle, lines.T, 2)
     if storage.max() / storage[-1] < _LEAST_DROP or not is_inside or np.any(bend >= 0.0):
@@ -114,10 +112,11 @@ def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, str]:
     return xr.Dataset(made).dropna(dims, how="all"), ""
 
 
-def peak(T: Floats, y: Floats) -> tuple[float, float]:
+def peak(T: Floats, y: Floats, crest: float = 0.75) -> tuple[float, float]:
     """Return where a curve has its maximum, by a cubic about it, with the uncertainty.
 
-    NaN when the maximum is at an end of the sweep or does not stand out.
+    The cubic fits what exceeds a part, the ``crest``, of the maximum's height above the lowest value. NaN when the
+    maximum is at an end of the sweep or its bend is no clear one.
 
     Examples
     --------
@@ -132,7 +131,7 @@ def peak(T: Floats, y: Floats) -> tuple[float, float]:
     smooth, edge = np.convolve(y, np.ones(MEAN_OF) / MEAN_OF, mode="valid"), MEAN_OF // 2
     top = int(np.argmax(smooth))
     centre, base = float(T[top + edge]), float(smooth.min())
-    low = np.flatnonzero(smooth < base + _CREST * (smooth[top] - base))
+    low = np.flatnonzero(smooth < base + crest * (smooth[top] - base))
     # the moving mean does not reach the ends of the sweep; a crest that does goes on to them
     begin, end = low[low < top][-1:] + edge + 1, low[low > top][:1] + edge
     near = slice(int(begin[0]) if begin.size else 0, int(end[0]) if end.size else T.size)
@@ -151,7 +150,7 @@ def peak(T: Floats, y: Floats) -> tuple[float, float]:
         # The slope at the top is zero, so its uncertainty over the bend is that of the place.
         first, second = (np.array([np.polyval(np.polyder(one, m), place) for one in powers]) for m in (1, 2))
         bend = abs(float(second @ coefficient))
-        if bend < _SIGNIFICANT * propagated_u(second, covariance):
+        if bend < DOUBTFUL * propagated_u(second, covariance):
             return np.nan, np.nan
         found.append((place, float(propagated_u(first, covariance)) / bend))
     (cubic, u), (parabola, _) = found

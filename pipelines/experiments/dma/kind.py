@@ -1,53 +1,31 @@
 """The kind ``dma``: its settings, stages and results."""
 
-from labpipe.schema import Schema, Variable
+from functools import partial
+
+from labpipe.schema import Schema
 from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.dma.settings import MODES, Dma
+from pipelines.experiments.shared.schemas import over
 
-_SWEEPS = Schema(
-    "sweeps",
-    {
-        "storage": Variable(("temperature", "frequency"), "Pa"),
-        "loss": Variable(("temperature", "frequency"), "Pa"),
-        "temperature": Variable(("temperature",), "degC"),
-        "frequency": Variable(("frequency",), "Hz"),
-    },
-)
-
+_SWEPT = over("temperature", {"temperature": "degC"}, has_u=False) | over("frequency", {"frequency": "Hz"}, has_u=False)
+_SWEEPS = Schema("sweeps", over("temperature frequency", {"storage": "Pa", "loss": "Pa"}, has_u=False) | _SWEPT)
+_TERMS = {"E": "Pa", "rho": "s", "extrapolated": "1"}
 _MASTER_CURVE = Schema(
     "master_curve",
-    {
-        "E_relaxed": Variable((), "Pa"),
-        "relaxed_modulus": Variable((), "Pa"),
-        "u_relaxed_modulus": Variable((), "Pa"),
-        "nu": Variable((), "1"),
-        "E": Variable(("term",), "Pa"),
-        "rho": Variable(("term",), "s"),
-        "extrapolated": Variable(("term",), "1"),
-        "log10_aT": Variable(("temperature",), "1"),
-        "u_log10_aT": Variable(("temperature",), "1"),
-    },
+    over("", {"E_relaxed": "Pa", "nu": "1"}, has_u=False)
+    | over("", {"relaxed_modulus": "Pa"})
+    | over("term", _TERMS, has_u=False)
+    | over("temperature", {"log10_aT": "1"}),
 )
 
+_each = partial(stage, per="recording", over="rheometer")
+_TABLE, _TENSION = "export temperature temperatures exclude", "mode nu scale specimen"
+
 _STAGES = (
-    stage(
-        "dma.measured:readings",
-        "file:rheometer",
-        "export temperature temperatures exclude",
-        "read the rheometer export",
-        per="recording",
-        over="rheometer",
-    ),
-    stage(
-        "dma.measured:gathered",
-        "readings",
-        "mode nu scale specimen sweeps",
-        "collect isothermal sweeps, converted to tension",
-        schema="sweeps",
-        name="sweeps",
-    ),
+    _each("dma.measured:readings", "file:rheometer", _TABLE, "read the rheometer export"),
+    stage("dma.measured:sweeps", "readings", f"{_TENSION} sweeps", "collect isothermal sweeps", schema="sweeps"),
     stage("dma.model:master_curve", "sweeps", "T_ref nu fit", "fit all shifts and one spectrum", schema="master_curve"),
-    stage("dma.measured:temperature_sweep", "readings", "mode nu scale specimen", "find the glass transition"),
+    stage("dma.measured:temperature_sweep", "readings", _TENSION, "find the glass transition"),
     judged("dma", "readings sweeps master_curve", "is it believable?"),
     reported("dma", "readings sweeps master_curve temperature_sweep"),
 )

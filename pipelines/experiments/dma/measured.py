@@ -17,9 +17,6 @@ from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.exclusions import EXCLUDED, without_readings
 from pipelines.experiments.shared.settings import named_columns
 
-_ONE_FREQUENCY = 0.01  # relative spread below which a run has a constant frequency
-_LEAST_RAMP = 10.0  # K that a temperature sweep covers at least
-
 
 def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     """Read one export, of a rheometer or as a table; of a stated temperature where it has none.
@@ -59,7 +56,7 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     )
 
 
-def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
+def sweeps(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps
     made = gather_sweeps(readings, settings.mode, settings.nu.value, tolerance=options.tolerance, fewest=options.fewest)
@@ -86,16 +83,15 @@ def _scale(settings: Dma) -> Quantity:
     return Quantity(value, value * hypot(scale.u / scale.value, factor.u / factor.value), "1")
 
 
-def ramps_of(readings: xr.Dataset) -> list[xr.Dataset]:
-    """Return the trusted readings of each sweep of temperature at one frequency."""
+def ramps_of(readings: xr.Dataset, least: float = 10.0, spread: float = 0.01) -> list[xr.Dataset]:
+    """Return the trusted readings of each sweep over ``least`` [K] at one frequency, of a relative ``spread``."""
     tables = [
         readings.isel(sample=rows) for rows in trusted_rows(readings) if rows.size >= 2 * glass_transition.MEAN_OF
     ]
     return [
         one
         for one in tables
-        if np.ptp(f := one["frequency"].values) < _ONE_FREQUENCY * np.median(f)
-        and np.ptp(one["temperature"].values) >= _LEAST_RAMP
+        if np.ptp(f := one["frequency"].values) < spread * np.median(f) and np.ptp(one["temperature"].values) >= least
     ]
 
 

@@ -17,7 +17,6 @@ from pipelines.experiments.dma.glass_transition import over_frequency
 from pipelines.experiments.dma.settings import Dma
 
 _SWITCH: dict[str, bool | Literal["auto"]] = {"auto": "auto", "on": True, "off": False}
-_SLOW_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
 
 
 def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
@@ -95,15 +94,15 @@ def ends(curve: xr.Dataset, **scales: float) -> xr.Dataset:
     return xr.Dataset(found, attrs=attrs if np.isfinite(modulus) else {})
 
 
-def still_falls(frequency: Floats, loss: Floats) -> float:
-    """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on so.
+def still_falls(frequency: Floats, loss: Floats, decades: float = 2.0) -> float:
+    """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on as over its last decades.
 
     A loss that falls as the power m of the frequency belongs to a storage modulus that lies
     E″ cot(m π/2) above its end (Kramers and Kronig); infinity where it does not fall.
     """
     order = np.argsort(frequency)
     f, e = frequency[order], loss[order]
-    near = f <= f[0] * 10.0**_SLOW_DECADES
+    near = f <= f[0] * 10.0**decades
     if near.sum() < 2 or not np.all(e[near] > 0.0):
         return inf
     power = float(np.polyfit(np.log(f[near]), np.log(e[near]), 1)[0])

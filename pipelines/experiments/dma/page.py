@@ -57,29 +57,41 @@ def _details(
     master_curve: xr.Dataset | None = None,
     temperature_sweep: xr.Dataset | None = None,
 ) -> list[tuple[str, str, str]]:
-    rows = list[tuple[str, str, str]]()
+    rows, curve, title = list[tuple[str, str, str]](), master_curve, "glass transition"
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
-    if (curve := master_curve) is not None:
+    if curve is not None:
         frequency, kk = curve["reduced_frequency"].values, json.loads(curve.attrs["kramers_kronig"])
         decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
+        outside = f"{int(curve['extrapolated'].sum())} outside the covered window"
         rows += [
             ("reference temperature", with_minus(f"{float(curve['T_ref']):.4g} °C"), ""),
             ("covered frequencies", " to ".join(number(float(frequency[i]), 2) for i in (0, -1)) + " Hz", decades),
             _end(curve, "relaxed"),
             _end(curve, "unrelaxed"),
-            (
-                "relaxation terms",
-                str(curve.sizes["term"]),
-                f"{int(curve['extrapolated'].sum())} outside the covered window",
-            ),
+            ("relaxation terms", str(curve.sizes["term"]), outside),
             _law_row(json.loads(curve.attrs["law"])),
             ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
             ("Kramers–Kronig", _CONSISTENT[kk["verdict"]], kk["reason"]),
         ]
-    rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
-    return rows if master_curve is None else [*rows, _by_shifts(master_curve)]
+    if (ramps := temperature_sweep) is not None:
+        for i, reason in enumerate(json.loads(ramps.attrs["reasons"])):
+            at = f"at {float(ramps['frequency'][i]):.3g} Hz"
+            for name, text in _CRITERIA.items():
+                if np.isfinite(float(ramps[name][i])):
+                    rows.append((f"{title}, {text}", pages.told(ramps, name, i), at))
+                elif name == "T_peak":
+                    rows.append((f"{title}, {text}", "none", f"{at}: {reason}"))
+    if curve is not None and "T_peak" in curve:  # at the decade nearest to the middle of the swept ones
+        f, swept = curve["transition_frequency"].values, np.log(curve["frequency"].values).mean()
+        near = int(np.argmin(np.abs(np.log(f) - swept)))
+        shown = pages.told(curve, "T_peak", near)
+        rows.append((f"{title}, {_CRITERIA['T_peak']}", shown, f"at {f[near]:.3g} Hz, by the shifts"))
+    elif curve is not None:
+        why = f"in the master curve: {curve.attrs['no_transition']}"
+        rows.append((f"{title}, {_CRITERIA['T_peak']}", "none", why))
+    return rows
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
@@ -98,45 +110,6 @@ def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str,
 
 def _celsius(T: Floats) -> str:
     return with_minus(f"{T.min():.1f} to {T.max():.1f} °C")
-
-
-def _in_ramps(ramps: xr.Dataset) -> Iterator[tuple[str, str, str]]:
-    """Yield the glass transition by each criterion in the sweeps of temperature, or why there is none."""
-    for i, reason in enumerate(json.loads(ramps.attrs["reasons"])):
-        for name, text in _CRITERIA.items():
-            at, title = f"at {float(ramps['frequency'][i]):.3g} Hz", f"glass transition, {text}"
-            if np.isfinite(float(ramps[name][i])):
-                yield title, pages.told(ramps, name, i), at
-            elif name == "T_peak":
-                yield title, "none", f"{at}: {reason}"
-
-
-def _by_shifts(curve: xr.Dataset) -> tuple[str, str, str]:
-    """Return the glass transition at the decade nearest to the middle of the swept ones, or why there is none."""
-    title = f"glass transition, {_CRITERIA['T_peak']}"
-    if "T_peak" not in curve:
-        return title, "none", f"in the master curve: {curve.attrs['no_transition']}"
-    f, swept = curve["transition_frequency"].values, np.log(curve["frequency"].values).mean()
-    near = int(np.argmin(np.abs(np.log(f) - swept)))
-    return title, pages.told(curve, "T_peak", near), f"at {f[near]:.3g} Hz, by the shifts"
-
-
-def _isotherms(table: xr.Dataset, name: str) -> list[Series]:
-    """Return the shifted points of each temperature, coldest first, on a scale of colours."""
-    series: list[Series] = []
-    temperature = table["temperature"].values
-    span = float(np.ptp(temperature)) or 1.0
-    for i in np.argsort(temperature, kind="stable"):
-        x, y = table["point_reduced_frequency"].values[i], table[f"{name}_reduced"].values[i]
-        good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-        good = good[np.argsort(x[good], kind="stable")]
-        if good.size:
-            level = float(temperature[i] - temperature.min()) / span
-            title = with_minus(f"{temperature[i]:.0f} °C")
-            again = sum(one.name.split(",")[0] == title for one in series)
-            title += f", sweep {again + 1}" if again else ""
-            series.append(Series(title, x[good], y[good], style="points", level=level))
-    return series
 
 
 def _shifts(master_curve: xr.Dataset) -> Section:
@@ -201,22 +174,43 @@ def _law(law: dict[str, Any]) -> tuple[str, str]:
     return text, fits if ShiftLaw.of(law).holds else f"{fits}: does not hold"
 
 
-def _master(master_curve: xr.Dataset) -> Section:
-    x = master_curve["reduced_frequency"].values
+def _master(context: Context, master_curve: xr.Dataset) -> Iterator[Section]:
+    """Show the shifted points, on a scale of colours from the coldest, the fitted spectrum, and how to export it."""
+    x, T = master_curve["reduced_frequency"].values, master_curve["temperature"].values
     label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
+    titles = [with_minus(f"{each:.0f} °C") for each in T]
     blocks: list[Block] = []
     for name, title in _MODULI.items():
+        curves, drawn = list[Series](), list[str]()
+        for i in np.argsort(T, kind="stable"):
+            shifted, y = master_curve["point_reduced_frequency"].values[i], master_curve[f"{name}_reduced"].values[i]
+            good = np.flatnonzero(np.isfinite(shifted) & np.isfinite(y))
+            good = good[np.argsort(shifted[good], kind="stable")]
+            if good.size:
+                level, again = float(T[i] - T.min()) / (float(np.ptp(T)) or 1.0), drawn.count(titles[i])
+                named = titles[i] + (f", sweep {again + 1}" if again else "")
+                curves.append(Series(named, shifted[good], y[good], style="points", level=level))
+                drawn.append(titles[i])
         y, u = (master_curve[f"{of}master_{name}"].values for of in ("", "u_"))
         low = np.maximum(y - SURE * u, y * 1e-3)  # a logarithmic axis shows no zero
-        curves: list[Series] = [
-            *_isotherms(master_curve, name),
-            Series("fitted spectrum", x, y, role="model"),
-            Band("95 %", x, low, y + SURE * u, role="model"),
-        ]
+        curves.append(Series("fitted spectrum", x, y, role="model"))
+        curves.append(Band("95 %", x, low, y + SURE * u, role="model"))
         labels = (f"{title}, master curve", label, f"{title.lower()} / MPa", curves)
         caption = _BAND if name == "storage" else ""
         blocks.append(pages.chart(*labels, **_LOG_LOG, group="master", height_px=300, caption=caption))
-    return Section("Master curve", blocks)
+    yield Section("Master curve", blocks)
+    outside = master_curve["extrapolated"].values.astype(bool)
+    text = (
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {float(master_curve['T_ref']):.4g} °C, in tension. "
+        f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
+        "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
+    )
+    rho, E = master_curve["rho"].values, master_curve["E"].values
+    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
+    if outside.any():
+        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
+    chart = pages.chart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, **_LOG_LOG)
+    yield Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
 
 
 def _readings(settings: Dma, sweeps: xr.Dataset, readings: Sequence[xr.Dataset | None] = ()) -> Section:
@@ -256,22 +250,6 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
     return Section("Temperature sweep", (Details("Moduli and loss factor over temperature", charts),))
 
 
-def _terms(context: Context, master_curve: xr.Dataset) -> Section:
-    """Show the spectrum, and how to export it."""
-    outside = master_curve["extrapolated"].values.astype(bool)
-    text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {float(master_curve['T_ref']):.4g} °C, in tension. "
-        f"`labpipe export SESSION --experiment {context.experiment} --format abaqus` (or ansys, comsol, lsdyna, json) "
-        "writes fewer terms as input of a simulation code; --bulk says what the bulk modulus does."
-    )
-    rho, E = master_curve["rho"].values, master_curve["E"].values
-    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
-    if outside.any():
-        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
-    chart = pages.chart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, **_LOG_LOG)
-    return Section("Spectrum and terms", (Paragraph(text), Details("Spectrum", (chart,))))
-
-
 def _methods(settings: Dma, master_curve: xr.Dataset) -> str:
     T, asked = master_curve["temperature"].values, settings.fit.law
     text = f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
@@ -299,7 +277,7 @@ page = Report(
     subtitle="Dynamic mechanical analysis",
     shown=("readings", "sweeps", "master_curve", "temperature_sweep"),
     details=_details,
-    sections=(_master, _shifts, _transition, _readings, _terms),
+    sections=(_master, _shifts, _transition, _readings),
     budget=quantities,
     methods=_methods,
     counts={"temperature_sweep": is_there},

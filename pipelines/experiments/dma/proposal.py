@@ -15,13 +15,12 @@ from labpipe.errors import LabpipeError
 from labpipe.files import printable
 from labpipe.materials import loading_of
 from pipelines.experiments._kind import Found, Proposed
-from pipelines.experiments.dma.settings import MODES
+from pipelines.experiments.dma.settings import MODES, Sweeps
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
 
 _NEEDED = {"storage_modulus", "frequency"}
 _AT = re.compile(r"[_\- ]*(?<![A-Za-z0-9])(?:T=?)?([m+-]?\d+(?:[.p]\d+)?)[_ ]?(°?C|degC|d|K|deg)(?![A-Za-z0-9])")
-_ONE = 3.0  # K: readings of a file within it are one isotherm
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
@@ -35,7 +34,7 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
 
     def stem(name: str) -> str:
         whole, T = proposals.whole_stem(name), tables[name].get("temperature")
-        is_isotherm = T is None or float(T.max() - T.min()) <= _ONE
+        is_isotherm = T is None or float(T.max() - T.min()) <= 2 * Sweeps().tolerance
         return (_AT.sub("", whole) or whole) if is_isotherm else whole
 
     yield from proposals.of_groups(stem)(partial(_text, tables))(found, tables)
@@ -52,28 +51,17 @@ def _text(tables: Mapping[str, xr.Dataset], _: Found, files: Sequence[str], name
         temperature = f"\ntemperatures = [{quoted}]  # of each file, in their order; {source}"
         if len(files) == 1:
             temperature = f"\ntemperature = {quoted}  # of the sweep; {source}"
+    mode, why = GAP, f"{', '.join(MODES[:-1])} or {MODES[-1]}; the file does not say it"
+    if (known := next((m for m in MODES if m in name.lower()), None)) is not None:
+        mode, why = known, "proposed from the file name"
+    elif len(loadings) == 1 and "" not in loadings:  # more than one where headings of files contradict each other
+        ((loading, heading),) = loadings.items()
+        mode, other = ("shear", "torsion") if loading == "shear" else ("tension", "bending")
+        why = f'or {other}, which converts alike: the file has a column "{printable(heading)}"'
     return f"""[experiments.{name}]
 kind = "dma"
 rheometer = {proposals.listed(files)}
-{mode_line(name, loadings)}
+mode = "{mode}"  # {why}
 nu = "{GAP}"  # Poisson's ratio, with ±, e.g. "0.35 ± 0.02"{temperature}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature
 # specimen = {{ length = "20 ± 0.1 mm", width = "3 ± 0.01 mm", thickness = "3 ± 0.01 mm" }}  # or diameter"""
-
-
-def mode_line(name: str, loadings: Mapping[str, str]) -> str:
-    """Return the line of the mode, from the experiment's name where it says so, else from the headings of its columns.
-
-    ``loadings`` has headings by loading (`loading_of`), more than one where files contradict each other.
-    """
-    known = next((m for m in MODES if m in name.lower()), None)
-    if known is not None:
-        return f'mode = "{known}"  # proposed from the file name'
-    if len(loadings) == 1 and "" not in loadings:
-        ((loading, heading),) = loadings.items()
-        mode, other = _MODES_OF[loading]
-        return f'mode = "{mode}"  # or {other}, which converts alike: the file has a column "{printable(heading)}"'
-    return f'mode = "{GAP}"  # {", ".join(MODES[:-1])} or {MODES[-1]}; the file does not say it'
-
-
-_MODES_OF = {"shear": ("shear", "torsion"), "extensional": ("tension", "bending")}

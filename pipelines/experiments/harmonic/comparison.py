@@ -7,23 +7,26 @@ import numpy as np
 import xarray as xr
 
 from labpipe.signals import nrmse
+from labpipe.units import Quantity
 from labpipe.variables import variable
-from pipelines.experiments.harmonic.measured import evaluated
+from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import (
     FORCE_SCALE,
     STIFFNESS,
+    STRETCHES,
     Row,
     curve_row,
     curve_table,
     row,
     with_its_u,
 )
-from pipelines.experiments.shared.model_inputs import inputs_of
+from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
 from pipelines.experiments.shared.punch_model import laid_along
 
-_PARTS = 12  # of a cycle, in which it is laid against the model
+_PARTS = 4 * STRETCHES
+"""Stretches of a cycle that are compared, as many in each quarter as in a part of another curve."""
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -45,7 +48,18 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         agreed.append((along, nrmse(force, passed), float(np.mean(force - passed))))
     table = curve_table("oscillation", agreed, "N")
     table["simulated_force"] = variable("sample", simulated, "N", "simulated force, filtered")
-    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+    inputs = {FORCE_SCALE: Quantity(1.0, mach1_readings.relative_gain(loads), "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
+    inputs, is_late = inputs | inputs_of(model), bool(oscillations.attrs["is_filter_corrected"])
+    omega = 2.0 * np.pi * oscillations["frequency"].values
+    storage, loss = (omega * oscillations[f"{part}_stiffness"].values for part in ("storage", "loss"))
+    work = np.pi * oscillations["amplitude"].values ** 2 * storage
+    for name, late in (("storage_stiffness", -loss), ("work_per_cycle", work)):  # by a delay that is stated too long
+        changes = [oscillations[name].values, -model[name].values, *(-model[f"slope_{name}"].values.T)]
+        text = f"change with an input, SI: {COLUMNS[name][1]}, measured minus model"
+        dims = ("uncertain", "oscillation")
+        table[f"slope_{name}"] = variable(dims, np.array([*changes, *([late] if is_late else [])]), "1", text)
+    inputs |= {DELAY: mach1_readings.filter_delay(loads)} if is_late else {}
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]}).merge(table_of(inputs))
 
 
 DELAY = "delay of the force"
@@ -56,28 +70,11 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset) ->
     """Yield the rows of ``compare``; none where nothing is simulated."""
     if "nrmse" not in comparison:
         return
-    inputs = inputs_of(model)
-    late: dict[str, Any] = {}
-    if bool(oscillations.attrs["is_filter_corrected"]):  # change by which the delay is stated too long
-        omega = 2.0 * np.pi * oscillations["frequency"].values
-        storage, loss = (oscillations[f"{part}_stiffness"].values for part in ("storage", "loss"))
-        work = np.pi * oscillations["amplitude"].values ** 2 * omega * storage
-        late = {"storage_stiffness": -omega * loss, "work_per_cycle": work}
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
         yield curve_row("force", "N", 1, comparison.isel(oscillation=i), condition=condition)
-        for title, unit, name in (
-            ("storage stiffness", "N/m", "storage_stiffness"),
-            ("dissipated work per cycle", "J", "work_per_cycle"),
-        ):
-            yield row(
-                title,
-                unit,
-                1,
-                slopes={FORCE_SCALE: float(oscillations[name][i]), STIFFNESS: -float(model[name][i])}
-                | {known: -float(slope) for known, slope in zip(inputs, model[f"slope_{name}"].values[i], strict=True)}
-                | ({DELAY: float(late[name][i])} if late else {}),
-                condition=condition,
-                measured=with_its_u(oscillations, name, i),
-                model=with_its_u(model, name, i),
-            )
+        for name in ("storage_stiffness", "work_per_cycle"):
+            unit, title = COLUMNS[name]
+            seen, simulated = (with_its_u(one, name, i) for one in (oscillations, model))
+            words: dict[str, Any] = {"condition": condition, "slopes": slopes_of(comparison, f"slope_{name}", i)}
+            yield row(title, unit, 1, measured=seen, model=simulated, **words)

@@ -18,8 +18,6 @@ from pipelines.experiments.shared.punch_model import SHIFT, elastic_force
 _FILTER = nuisance("filter", 0.0, 1.0, "1", "delay of the cell's filter, in units of its uncertainty")
 """One cell tests all specimens of a session: their oscillations share its filter."""
 
-_LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
-
 
 def evidence(
     loads: xr.Dataset, waves: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Harmonic, name: str
@@ -75,13 +73,18 @@ def evidence(
     )
 
 
-def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], Floats]:
-    """Return storage and loss with their random part, and the change of both by one deviation of the filter's delay."""
+def _stiffness(
+    loads: xr.Dataset, waves: xr.Dataset, agree: float = 2e-4
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], Floats]:
+    """Return storage and loss with their random part, and the change of both by one deviation of the filter's delay.
+
+    The random part is at least that of the size to which simulated oscillations and closed forms ``agree``.
+    """
     storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
     u_phase = np.array([mach1_readings.force_lag(loads, f).u_phase for f in waves["frequency"].values.tolist()])
     by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
     u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
     of_gain = mach1_readings.relative_gain(loads) * np.concatenate([storage, loss])
-    least = _LEAST_OF_STIFFNESS * np.tile(np.hypot(storage, loss), 2)
+    least = agree * np.tile(np.hypot(storage, loss), 2)
     own = np.sqrt(np.maximum(u**2 - by_phase**2 - of_gain**2, least**2))
     return (storage, own[: storage.size]), (loss, own[storage.size :]), by_phase

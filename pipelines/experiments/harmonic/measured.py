@@ -15,7 +15,6 @@ from pipelines.experiments.shared import mach1_readings
 
 _LOOP_POINTS = 200  # over one cycle
 _WAVES = 3  # of a Fourier series: the fundamental and two harmonics
-_CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
 COLUMNS = {
     "storage_stiffness": ("N/m", "storage stiffness"),
     "loss_stiffness": ("N/m", "loss stiffness"),
@@ -167,12 +166,12 @@ def _fourier(time: Floats, values: Floats, begin: Floats, frequency: float) -> t
     return np.where(seen, lines.mean(axis=0), np.nan), np.where(seen, u, np.nan)
 
 
-def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic, clear: float = 2.0) -> xr.Dataset:
     """Average the loop of every oscillation, as recorded, and see whether contact is kept.
 
-    Where the mean loop's force does not exceed twice its uncertainty the punch has left the
-    surface: ``contact_loss`` is that share of the cycle. The cell's filter rounds the force off,
-    so that a loss shorter than its delay is not seen.
+    Where the mean loop's force does not exceed its uncertainty, ``clear`` times, the punch has left the surface:
+    ``contact_loss`` is that share of the cycle. The cell's filter rounds the force off, so that a loss shorter than its
+    delay is not seen.
     """
     del settings
     phase = np.linspace(0, 1, _LOOP_POINTS + 1)
@@ -189,7 +188,7 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         spread = float(np.median(f.std(axis=0, ddof=1))) if len(f) > 1 else 0.0
         noise = max(spread, float(loads.attrs["resolution"]) / np.sqrt(12))
         u.append(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
-    dims, limits = ("oscillation", "cycle"), _CLEAR * np.array(u)[:, None]
+    dims, limits = ("oscillation", "cycle"), clear * np.array(u)[:, None]
     known = 1.0 if loads.attrs["is_tared"] else np.nan
     least, losses = known * np.min(forces, axis=1), known * np.mean(np.array(forces)[:, :-1] < limits, axis=1)
     return xr.Dataset(

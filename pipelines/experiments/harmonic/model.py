@@ -40,15 +40,13 @@ def model(
         stiffer = along_chords(solid, float(np.median(np.diff(time))), fit.force.frequency) - 1.0
         without_chords[where] -= fit.force.amplitude * (stiffer * np.exp(1j * angle)).imag
     table: dict[str, Any] = {"force": made["force"].copy(data=without_chords)}
-    per_loss = np.pi * np.array([fit.position.amplitude for fit, *_ in rows]) ** 2  # work over loss stiffness
-    for name, source, factor in (
-        ("storage_stiffness", "storage_stiffness", np.ones_like(per_loss)),
-        ("loss_stiffness", "loss_stiffness", np.ones_like(per_loss)),
-        ("work_per_cycle", "loss_stiffness", per_loss),
-    ):
-        values, *moved = factor * np.array([[getattr(fit, source) for fit in row] for row in rows]).T
-        slopes = np.array(moved).T - values[:, None]
-        units, text = COLUMNS[name]
+    per_loss = np.pi * np.array([[fit.position.amplitude] for fit, *_ in rows]) ** 2  # work over loss stiffness
+    storage, loss = (
+        np.array([[getattr(fit, f"{part}_stiffness") for fit in row] for row in rows]) for part in ("storage", "loss")
+    )
+    found = {"storage_stiffness": storage, "loss_stiffness": loss, "work_per_cycle": per_loss * loss}
+    for name, each in found.items():
+        (units, text), values, slopes = COLUMNS[name], each[:, 0], each[:, 1:] - each[:, :1]
         u = np.sqrt(np.sum((slopes * made["input_u"].values) ** 2, axis=1))
         table |= with_u(name, "oscillation", values, u, units, f"{text}, simulated", "by touch, punch and solid")
         text = f"change with an input, SI: {text}, simulated"

@@ -1,11 +1,13 @@
 """Comparison of relaxation tests with the model: force in the ramp, early, late; plateau."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.judging import Agreement
+from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.measured import samples
 from pipelines.experiments.relaxation.settings import Relaxation
@@ -20,12 +22,10 @@ from pipelines.experiments.shared.comparison_rows import (
     split,
     with_its_u,
 )
-from pipelines.experiments.shared.model_inputs import INPUTS, inputs_of
+from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
 from pipelines.experiments.shared.punch_model import TOUCH, laid_along
 
-_SLOPES = "slope_plateau_force"
 _PARTS = ("ramp", "early", "late")
-_FIRST = 0.05  # of the early part, behind which its first stretch begins: the filter is still on its way
 
 
 def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
@@ -54,7 +54,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         for part, (since, before) in (spans | {"all": (begin, last)}).items():
             there = gap[(time >= since) & (time <= before)]
             error = float(np.sqrt(np.mean(there**2))) / extent if there.size else np.nan
-            at = since + _FIRST * (before - since) * (part == "early")
+            at = since + (mach1_readings.filter_settles(loads) if part == "early" else 0.0)
             within = inside.start + np.flatnonzero((time >= at) & (time <= before))
             places = split(loads["time"].values, within, at, before, end) if part != "all" else []
             along = laid_along(loads, measured, passed, places, model) if places else None
@@ -66,9 +66,11 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         table |= curve_table("ramp", found, "N", f"_{part}")
     plateau, u = np.reshape(plateaus, (-1, 2)).T
     table |= with_u("plateau_force_model", "ramp", plateau, u, "N", "plateau force, model")
-    text = "change of the plateau's force with an input, SI"
-    table[_SLOPES] = variable(("ramp", "uncertain"), slopes, "1", text)
-    return xr.Dataset(table, coords={"ramp": ramps["ramp"]}).merge(common[list(INPUTS)])
+    inputs = {FORCE_SCALE: Quantity(1.0, mach1_readings.relative_gain(loads), "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
+    changes = [ramps["plateau_force"].values, -plateau, *(-np.transpose(slopes))]
+    text = "change of the plateau's force, measured minus model, with an input, SI"
+    table["slope"] = variable(("uncertain", "ramp"), np.array(changes), "1", text)
+    return xr.Dataset(table, coords={"ramp": ramps["ramp"]}).merge(table_of(inputs | inputs_of(common)))
 
 
 def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | None]) -> Iterator[Row]:
@@ -76,19 +78,10 @@ def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | N
     for table, compared in zip(ramps, comparison, strict=True):
         if table is None or compared is None or "nrmse_all" not in compared:
             continue
-        inputs = inputs_of(compared)
         for i in range(table.sizes["ramp"]):
             condition = f"{float(table['depth'][i]) * 1e3:.2g} mm"
             for part in _PARTS:
                 yield curve_row(f"force, {part}", "N", 1, compared.isel(ramp=i), f"_{part}", condition=condition)
-            seen, simulated = with_its_u(table, "plateau_force", i), with_its_u(compared, "plateau_force_model", i)
-            yield row(
-                "plateau force",
-                "N",
-                1,
-                slopes={FORCE_SCALE: float(seen[0]), STIFFNESS: -float(simulated[0])}
-                | {name: -float(slope) for name, slope in zip(inputs, compared[_SLOPES].values[i], strict=True)},
-                condition=condition,
-                measured=seen,
-                model=simulated,
-            )
+            values = with_its_u(table, "plateau_force", i), with_its_u(compared, "plateau_force_model", i)
+            words: dict[str, Any] = {"condition": condition, "slopes": slopes_of(compared, "slope", i)}
+            yield row("plateau force", "N", 1, measured=values[0], model=values[1], **words)

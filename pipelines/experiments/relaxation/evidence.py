@@ -14,9 +14,6 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_punch
 from pipelines.experiments.shared.punch_model import SHIFT, Geometry, elastic_force
 
-_DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
-_LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
-
 
 def evidence(
     loads: Sequence[xr.Dataset],
@@ -27,15 +24,19 @@ def evidence(
     *,
     settings: Relaxation,
     name: str,
+    least: float = 1e-5,
 ) -> MaterialEvidence | str:
-    """Gather the forces of all holds, as recorded behind the cell's filter."""
+    """Gather the forces of all holds, as recorded behind the cell's filter.
+
+    The uncertainty of a force is at least a part of it, up to which chords of histories are good.
+    """
     parts = []
     for number, (load, found, curve) in enumerate(zip(loads, ramps, curves, strict=True), 1):
         shared = of_punch(settings, load, float(found["depth"].max()), file, fitted)
         if isinstance(shared, str):
             return shared
         label = name + (f" {number}" if len(loads) > 1 else "")
-        parts.append((shared[0].nu, *_of_file(label, load, found, curve, *shared)))
+        parts.append((shared[0].nu, *_of_file(label, load, found, curve, least, *shared)))
     unknowns = [unknown for _, _, own, _ in parts for unknown in own]
     lags = np.concatenate([lag for _, lag, _, _ in parts])
 
@@ -56,16 +57,15 @@ def _of_file(
     loads: xr.Dataset,
     ramps: xr.Dataset,
     curves: xr.Dataset,
+    least: float,
     geometry: Geometry,
     unknowns: Sequence[Parameter],
 ) -> tuple[Floats, list[Parameter], Callable[[Floats], Evidence]]:
     """Return times [s], unknowns, and the evidence by relaxation times, of the ramps and holds of one file."""
     # half of two forces, a deviation of the times before and after their mean, has the mean of any parabola
-    declared = mach1_readings.declared_filter(loads)
-    quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
-    kept = (curves["mean_time"].values >= quickest) & np.isfinite(curves["force"].values)
+    kept = (curves["mean_time"].values >= mach1_readings.filter_settles(loads)) & np.isfinite(curves["force"].values)
     lag, force, width, u = (curves[n].values[kept] for n in ("mean_time", "force", "time_spread", "u_force"))
-    u = np.maximum(u, _LEAST_OF_FORCE * force)
+    u = np.maximum(u, least * force)
     touch, u_touch = (float(ramps[n]) for n in ("contact_position", "u_contact_position"))
     zero = nuisance(f"{label} first touch", 0.0, u_touch, "m", "stage position of first touch")
     tare = nuisance(f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force")

@@ -25,13 +25,11 @@ from pipelines.experiments.shared.mach1_touch import STEP
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 
-_ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
 _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
 _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
 _PLATEAU = 0.1  # of a hold, its last part
 _NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
-_BINS_PER_DECADE = 12  # of the relaxation curve
 _COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
     "travel": ("m", "travel of the ramp"),
@@ -69,14 +67,13 @@ def find(loads: xr.Dataset) -> list[dict[str, float]]:
             time, position, force = (loads[name].values[rows] for name in ("time", "position_z", "force"))
             if not (np.isfinite(position).all() and np.isfinite(force).all()):
                 raise InputError(f"block {block + 1}: a reading of position or force is missing during the test")
-            held, start = float(np.median(position[position.size // 2 :])), float(position[0])
-            travel = held - (start if begins else found[-1]["held"])
+            held, near = mach1_readings.hold_of(position)
+            travel = held - (float(position[0]) if begins else found[-1]["held"])
             if abs(travel) < 10 * STEP:
                 raise InputError(
                     f"block {block + 1}: the stage moves by {travel * 1e6:.3g} µm only, so there is no ramp; a "
                     "relaxation test has one"
                 )
-            near = max(_ARRIVED * abs(travel), 2 * STEP)
             arrived = np.abs(position - held) <= near
             begin = max(int(np.argmax(np.abs(position - held + travel) > near)) - 1, 0)
             end = int(np.argmax(arrived))
@@ -169,15 +166,21 @@ def _u_of_means(loads: xr.Dataset, since: Floats, force: Floats, count: Integers
 
 
 def curves(
-    loads: xr.Dataset, ramps: xr.Dataset, material_file: Path | None, fitted: xr.Dataset | None, *, settings: Relaxation
+    loads: xr.Dataset,
+    ramps: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+    per_decade: int = 12,
 ) -> xr.Dataset:
     """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
 
-    The force of every hold is binned over the logarithm of the time since the stage arrived, at the bins' mean times.
-    Of the named material only Poisson's ratio is used.
+    The force of every hold is averaged in bins, so many ``per_decade`` of the time since the stage arrived, at the
+    bins' mean times. Of the named material only Poisson's ratio is used.
     """
     interval, longest = float(loads["sampling_interval"][int(ramps["block"][0])]), float(ramps["duration"].max())
-    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * _BINS_PER_DECADE) + 2)
+    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(np.log10(longest / interval) * per_decade) + 2)
     text = "force in the hold, as recorded behind the cell's filter"
     words = {
         "force": ("N", text),
@@ -188,11 +191,11 @@ def curves(
     table = np.full((len(words), ramps.sizes["ramp"], edges.size - 1), np.nan)
     for i, (rows, end) in enumerate(zip(samples(ramps), ramps["end"].values, strict=True)):
         since, force = loads["time"].values[rows] - end, loads["force"].values[rows]
-        bins = pd.DataFrame({"time": since, "force": force}).groupby(np.searchsorted(edges, since, side="right") - 1)
+        inside = (since >= edges[0]) & (since < edges[-1])
+        held = pd.DataFrame({"force": force[inside], "time": since[inside]})
+        bins = held.groupby(np.searchsorted(edges, since[inside], side="right") - 1)
         mean, u = bins.mean(), _u_of_means(loads, since, force, np.asarray(bins.size(), np.int64))
-        made = np.array([mean["force"], u, mean["time"], bins["time"].std(ddof=0)])
-        inside = (mean.index >= 0) & (mean.index < edges.size - 1)
-        table[:, i, mean.index[inside]] = made[:, inside]
+        table[:, i, mean.index] = mean["force"], u, mean["time"], bins["time"].std(ddof=0)
     kept = np.isfinite(table[0]).any(axis=0)
     lag = np.sqrt(edges[1:] * edges[:-1])[kept]
     dims = ("ramp", "lag")

@@ -16,13 +16,6 @@ from pipelines.experiments.shared.punch_sections import measured, simulated_by, 
 from pipelines.experiments.shared.reports import Report, is_there
 
 
-def _label(tests: xr.Dataset | None, number: int) -> str:
-    if tests is None:
-        return f"test {number + 1}"
-    depth = float(tests["depth"][number])
-    return f"{depth * 1e3:.3f} mm" if np.isfinite(depth) else str(json.loads(tests.attrs["names"])[number])
-
-
 def _details(
     settings: Relaxation, tests: xr.Dataset | None = None, ramps: Sequence[xr.Dataset] | None = None
 ) -> list[tuple[str, str, str]]:
@@ -71,7 +64,9 @@ def _forces(
     places = [(n, i, part) for n, ramp in enumerate(ramps) for i, part in enumerate(samples(ramp))]
     for place, (n, i, part) in enumerate(places):
         load, ramp, compared = loads[n], ramps[n], comparison[n]
-        label, level = _label(tests, place), pages.level(place, len(places))
+        depth, level = float("nan") if tests is None else float(tests["depth"][place]), pages.level(place, len(places))
+        label = f"test {place + 1}" if tests is None else str(json.loads(tests.attrs["names"])[place])
+        label = f"{depth * 1e3:.3f} mm" if np.isfinite(depth) else label
         since, force = load["time"].values[part] - float(ramp["end"][i]), load["force"].values[part]
         model = [compared[f"{u}simulated_force"].values[part] for u in ("", "u_")] if is_there(compared) else []
         begin = float(ramp["begin"][i] - ramp["end"][i])
@@ -105,8 +100,8 @@ def _forces(
         )
         if shown
     ]
-    ramp_chart = [LineChart(*labels, height_px=320, caption=filtered)] if around else []
-    return [Section("Ramp and peak", ramp_chart), Section("Relaxation", holds)]
+    chart = LineChart(*labels, height_px=320, caption=filtered)
+    return [Section("Ramp and peak", [chart]), Section("Relaxation", holds)]
 
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> str:

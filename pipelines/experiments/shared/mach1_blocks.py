@@ -12,14 +12,13 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.judging import IMPOSSIBLE
 from labpipe.signals import active_window, fit_sinusoid
-from pipelines.experiments.shared.mach1_readings import bridged, ramp_speed
+from pipelines.experiments.shared.mach1_readings import bridged, hold_of, ramp_speed
 
 OSCILLATION, RELAXATION, FIND_CONTACT = "Sinusoid", "Stress Relaxation", "Find Contact"
 _TREND = 3  # degree of the relaxation of an oscillating force
-_ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
-_CLEAR, _SHARE = 10.0, 0.2
-"""Standard uncertainties, and share of the spread of the readings, by which a force must rise with the position."""
+_SHARE = 0.2  # of the spread of the readings, by which a force must rise with the position
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +88,8 @@ class Part:
                 yield int(np.argmax(inside)), force - fit.at(time), 0
         for number in np.unique(self.segment) if self.function == RELAXATION else ():
             rows = np.flatnonzero(self.segment == number)
-            x = self.position[rows]
-            held = float(np.median(x[x.size // 2 :]))
-            still = np.abs(x - held) <= _ARRIVED * float(np.ptp(x))
-            yield int(rows[0]), self.force[rows], int(np.argmax(still))
+            held, near = hold_of(self.position[rows])
+            yield int(rows[0]), self.force[rows], int(np.argmax(np.abs(self.position[rows] - held) <= near))
 
     def moved(self, values: Floats) -> float:
         """Return the amplitude of a column, or its change by the first ramp or approach."""
@@ -132,7 +129,7 @@ class Part:
         rise, travel = float(f[high].mean() - f[low].mean()), float(x[high].mean() - x[low].mean())
         u = float(np.diff(f, 2).std()) / 6.0**0.5 * float(1.0 / low.sum() + 1.0 / high.sum()) ** 0.5
         spread = float(np.ptp(np.quantile(f, [0.05, 0.95])))
-        return rise / travel, u / travel, spread > 0.0 and abs(rise) > max(_CLEAR * u, _SHARE * spread)
+        return rise / travel, u / travel, spread > 0.0 and abs(rise) > max(IMPOSSIBLE * u, _SHARE * spread)
 
 
 def parts(name: str, readings: xr.Dataset) -> list[Part]:

@@ -12,7 +12,6 @@ from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,13 +34,13 @@ from labpipe.judging import (
 )
 from labpipe.report import quantity
 from labpipe.signals import estimate_noise
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, mach1_readings
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row
+from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Title
 from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, RELAXATION, Part, parts
+from pipelines.experiments.shared.mach1_touch import STEP
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.punch_model import TOUCH
 from pipelines.experiments.shared.punch_settings import Indentation, LoadCell
@@ -94,26 +93,19 @@ _FORCES = {"N": 1.0, "gf": 9.80665e-3, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665}
 _TIMES, _LENGTHS = {"s": 1.0, "ms": 1e-3}, {"mm": 1e-3, "µm": 1e-6}
 """Units in which a column may be, whatever its header says, in SI."""
 _CELLS = {"kg": "kgf", "g": "gf"}  # spellings of units in the names of load cells
-_U_POSITION = 1e-7  # m
 _LATERAL = 0.1  # of the normal force: a tilt of 6 degrees, by which the normal force errs by 0.5 %
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
 _LEAVES = 20.0
 """Steps of the cell by which a force changes in as many readings before or after as it stays at an extreme: behind a
 smooth peak that stays on one step for n readings it changes by 8 in n more."""
-_DELAYS = 0.6  # of the delay of a Butterworth, by which another filter may have less (three equal poles) or more
 _U_GAIN = 0.1  # of the logarithm of true over displayed force, by age and handling of a cell
 _LARGEST_PUNCH = 0.5  # m, either way
 
 
 def scene(
-    touch: str,
-    rows: Callable[..., Iterable[Row]],
-    given: Given,
-    settings: Any,
-    context: Context,
-    inputs: Mapping[str, Quantity] = MappingProxyType({}),
+    touch: str, rows: Callable[..., Iterable[Row]], given: Given, settings: Any, context: Context
 ) -> judgements.Scene:
-    """Check the recordings of an indentation, its cell and its punch, and compare ``rows`` of known ``inputs``.
+    """Check the recordings of an indentation, its cell and its punch, and compare ``rows``.
 
     ``touch`` is the step that finds first touch. A mistake in one file does not show in the others, so that each has
     causes of its own.
@@ -134,16 +126,20 @@ def scene(
             position = loads["position_z"].values  # and so the depth of the punch is known
             depth = nan if touched is None else float(np.nanmax(position) - touched["contact_position"])
             deepest = max(deepest, 0.0 if np.isnan(depth) else depth)
-            at, u = int(np.nanargmax(position)), judgements.u_modulus(settings.substrate)
-            found += [_of_force(name, loads, model, at, u)] if is_scaled else []
+            at, force, expected = int(np.nanargmax(position)), 0.0, 0.0
+            if loads.attrs["is_tared"] and model is not None and "simulated_force" in model:
+                force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
+            if is_scaled and force > 0.0 and expected > 0.0:
+                text, u = f"{name}: {quantity(force, 'N')} measured", judgements.u_modulus(settings.substrate)
+                text += f", {quantity(expected, 'N')} expected of the named material"
+                found.append(compared(_RATIO, text, force, 0.0, expected, u * expected, file=name))
+            elif is_scaled:
+                found.append(not_made(_RATIO, "a model, and forces above 0"))
         checks += judge(found, list(_causes(name, readings, settings, found))).checks
     checks += _of_punch(settings, deepest)
     failed = judgements.failed_steps(context, _FAILED)
     checks += [*of_cell, *(placed(check, *files, settings.load_cell.record) for check in failed)]
-    gain = Quantity(1.0, 0.0 if cell is None else mach1_readings.relative_gain(cell), "1")
-    known = {FORCE_SCALE: gain, STIFFNESS: Quantity(1.0, 0.0, "1"), **inputs}
-    for compared_with in steps[-1]:
-        known |= inputs_of(compared_with)
+    known = {name: value for compared_with in steps[-1] for name, value in inputs_of(compared_with).items()}
     shared = {TOUCH: known.pop(TOUCH)} if TOUCH in known else {}
     source = judgements.measured_by(settings.substrate)
     return judgements.Scene(checks, (), given.each([rows]), known, shared, given.get("basis"), measured_by=source)
@@ -154,17 +150,6 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     blocks = parts(name, readings)
     if not blocks:
         return [not_made(_SWAPPED, "columns of position and force")]
-    order = _order_of_columns(blocks)
-    if order.level is not None:
-        return [order]
-    outliers, lost = _continuity(blocks)
-    found = [order, *_commands_kept(blocks), _response(blocks)]
-    found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
-    found += [*_alignment(blocks), *_range_of_cell(blocks)]
-    return [*found, outliers, lost, _step_of_force(blocks) if lost.level is None else not_made(_STEP, "every row")]
-
-
-def _order_of_columns(blocks: Sequence[Part]) -> Check:
     wrong, known, missed = [], 0, _COMMANDS[_AMPLITUDE][-1]
     for part in blocks:
         wanted = abs(part.declared("Amplitude")[0])
@@ -173,17 +158,30 @@ def _order_of_columns(blocks: Sequence[Part]) -> Check:
             own, other = (abs(part.moved(each)) / wanted for each in (part.position, 1e-3 * part.force))
             known += 1
             wrong += [part] * (abs(other - 1.0) < missed <= abs(own - 1.0))
-    if not known:
-        return not_made(_SWAPPED, "a declared amplitude")
-    where = (wrong or blocks)[0]
-    if 2 * len(wrong) <= known:
-        return Check(_SWAPPED, f"{where.file}: the position makes the declared motion", None, file=where.file)
-    text = (
-        f"{where.file}: the column of the force moves by the declared {quantity(where.declared('Amplitude')[0], 'm')} "
-        f"(as mm), the column of the position by {quantity(abs(where.moved(where.position)), 'm')}"
-    )
-    cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
-    return Check(_SWAPPED, text, "impossible", cause=cause, **where.place)
+    if 2 * len(wrong) > known:
+        where = wrong[0]
+        declared, moved = where.declared("Amplitude")[0], abs(where.moved(where.position))
+        text = f"{name}: the column of the force moves by the declared {quantity(declared, 'm')} (as mm), the column "
+        text += f"of the position by {quantity(moved, 'm')}"
+        cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
+        return [Check(_SWAPPED, text, "impossible", cause=cause, **where.place)]
+    order = Check(_SWAPPED, f"{name}: the position makes the declared motion", file=name)
+    outliers, lost, step = _continuity(blocks)
+    found = [order if known else not_made(_SWAPPED, "a declared amplitude"), *_commands_kept(blocks), _response(blocks)]
+    found = judgements.because(found, lost.cause if lost.level else "", _FREQUENCY, _CLOCK, log_ratio=nan)
+    found += [*_range_of_cell(blocks), outliers, lost, step]
+    tilts = []
+    for part in (part for part in blocks if part.lateral and part.stiffness[-1]):
+        lines = [linregress(part.force, side, nan_policy="omit") for side in part.lateral]
+        tilts.append((hypot(*(line.slope for line in lines)), hypot(*(line.stderr for line in lines)), part))
+    if tilts:
+        worst, u, part = max(tilts, key=lambda one: one[0])
+        text = f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is "
+        cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
+        place: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
+        text += "expected of an aligned punch"
+        found.append(bounded(ALIGNMENT, text, worst, max(u, 1e-3), at_most=_LATERAL, **place))
+    return found
 
 
 def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
@@ -193,7 +191,7 @@ def _commands_kept(blocks: Sequence[Part]) -> Iterator[Check]:
         found = []
         for part in (part for part in blocks if part.function == function):
             wanted, line = part.declared(key)
-            value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), _U_POSITION)
+            value, u = part.frequency if title == _FREQUENCY else (abs(part.moved(part.position)), STEP)
             if title == _SPEED:
                 value, u = part.speed, 0.02 * part.speed
             if isfinite(value) and isfinite(wanted):
@@ -241,7 +239,7 @@ def _response(blocks: Sequence[Part]) -> Check:
         text += "and does not follow while the stage moves"
         return Check(_RESPONSE, text, "impossible", cause=cause, **part.place)
     moves = [one for one in blocks if one.function in (RELAXATION, FIND_CONTACT) and isfinite(one.direction)]
-    is_back = any(one.moved(one.position) * one.direction < -IMPOSSIBLE * _U_POSITION for one in moves)
+    is_back = any(one.moved(one.position) * one.direction < -IMPOSSIBLE * STEP for one in moves)
     text = f"{part}: stiffness {quantity(k, 'N/m')}"
     if is_back:
         text += ", and the stage moves against its declared direction"
@@ -262,24 +260,24 @@ def _response(blocks: Sequence[Part]) -> Check:
     return bounded(_RESPONSE, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, **part.place)
 
 
-def _alignment(blocks: Sequence[Part]) -> Iterator[Check]:
-    found = []
-    for part in (part for part in blocks if part.lateral and part.stiffness[-1]):
-        lines = [linregress(part.force, side, nan_policy="omit") for side in part.lateral]
-        found.append((hypot(*(line.slope for line in lines)), hypot(*(line.stderr for line in lines)), part))
-    if found:
-        worst, u, part = max(found, key=lambda one: one[0])
-        text = f"{part}: the lateral force changes by {worst:.2g} of the normal force, at most {_LATERAL:g} is "
-        cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
-        place: dict[str, Any] = {"is_law": False, "cause": cause} | part.place
-        yield bounded(ALIGNMENT, f"{text}expected of an aligned punch", worst, max(u, 1e-3), at_most=_LATERAL, **place)
-
-
 def _range_of_cell(blocks: Sequence[Part]) -> Iterator[Check]:
     """Look for flat extremes of the force, and compare it with the capacity in the cell's name ("25kg SN:1886652")."""
-    found = [flat for part in blocks if part.function in (OSCILLATION, RELAXATION) for flat in _flat_extremes(part)]
-    yield found[0] if found else Check(_SATURATION, f"{blocks[0].file}: no flat extremes", file=blocks[0].file)
+    flat = list[Check]()
+    for part in (part for part in blocks if part.function in (OSCILLATION, RELAXATION)):
+        force = part.force[np.isfinite(part.force)]
+        steps = np.abs(np.diff(force))
+        step = float(np.min(steps[steps > 0.0], initial=np.inf))
+        for extreme in (float(force.max()), float(force.min())) if np.isfinite(step) else ():
+            n, first = longest_run(np.abs(force - extreme) < 0.5 * step)
+            sides = force[[max(first - n, 0), min(first + 2 * n - 1, force.size - 1)]]
+            leaves = float(np.abs(sides - extreme).max())
+            if n >= FLAT and leaves > _LEAVES * max(step, 1e-4 * float(np.ptp(force))):
+                text = f"{part}: the force stays at {quantity(extreme, 'N')} for {n} readings from "
+                text += f"{quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
+                cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
+                flat.append(Check(_SATURATION, text, "impossible", cause=cause, **part.place))
     part = blocks[0]
+    yield flat[0] if flat else Check(_SATURATION, f"{part.file}: no flat extremes", file=part.file)
     cell = str((part.header.get("load_cell") or {}).get("name") or "")
     said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
     if said is None:
@@ -292,23 +290,11 @@ def _range_of_cell(blocks: Sequence[Part]) -> Iterator[Check]:
     yield bounded(_CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, cause=cause, **part.place)
 
 
-def _flat_extremes(part: Part) -> Iterator[Check]:
-    force = part.force[np.isfinite(part.force)]
-    steps = np.abs(np.diff(force))
-    step = float(np.min(steps[steps > 0.0], initial=np.inf))
-    for extreme in (float(force.max()), float(force.min())) if np.isfinite(step) else ():
-        n, first = longest_run(np.abs(force - extreme) < 0.5 * step)
-        sides = force[[max(first - n, 0), min(first + 2 * n - 1, force.size - 1)]]
-        leaves = float(np.abs(sides - extreme).max())
-        if n >= FLAT and leaves > _LEAVES * max(step, 1e-4 * float(np.ptp(force))):
-            text = f"{part}: the force stays at {quantity(extreme, 'N')} for {n} readings from "
-            text += f"{quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
-            cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
-            yield Check(_SATURATION, text, "impossible", cause=cause, **part.place)
+def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check, Check]:
+    """Name the readings that were left out, of the block with the largest deviation, lost rows, and a step of force.
 
-
-def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check]:
-    """Name the readings that were left out, of the block with the largest deviation, and look for lost rows."""
+    The step is one in the relaxation of a held punch, or between cycles of an oscillation at equal phase.
+    """
     file = blocks[0].file
     outliers, lost = Check(_OUTLIERS, f"{file}: no outliers", file=file), not_made(_LOST, "an oscillation")
     known = [(part, run) for part in blocks for run in part.outliers if run["column"] in ("position_z", "force_z")]
@@ -328,30 +314,22 @@ def _continuity(blocks: Sequence[Part]) -> tuple[Check, Check]:
             line, jump = part.row_line(broken[0]), quantity(broken[1], "m")
             cause = "rows were lost there when the file was written or copied, and the times of the others renewed"
             text = f"{part}: the position jumps by {jump} in line {line}"
-            return outliers, Check(_LOST, text, "doubtful", cause=cause, file=file, line=line)
+            lost = Check(_LOST, text, "doubtful", cause=cause, file=file, line=line)
+            return outliers, lost, not_made(_STEP, "every row")
         lost = Check(_LOST, f"{file}: the position does not jump", file=file)
-    return outliers, lost
-
-
-def _step_of_force(blocks: Sequence[Part]) -> Check:
-    """Look for a step in the relaxation of a held punch, or between cycles of an oscillation at equal phase."""
-    found = []
-    for part in blocks:
-        for first, force, moving in part.settling():
-            if (step := step_in(force, moving)) is not None:
-                at, size, times = step
-                found.append((times, size, part, first + at))
-    if not found:
-        return not_made(_STEP, "a hold, or an oscillation of several cycles")
-    times, size, part, at = max(found, key=lambda one: one[0])
+    settling = [(part, first, step_in(force, moving)) for part in blocks for first, force, moving in part.settling()]
+    steps = [(part, first + found[0], *found[1:]) for part, first, found in settling if found is not None]
+    if not steps:
+        return outliers, lost, not_made(_STEP, "a hold, or an oscillation of several cycles")
+    part, index, size, times = max(steps, key=lambda one: one[-1])
     if times <= IMPOSSIBLE:
         text = f"{part}: no step of the force, up to {quantity(abs(size), 'N')} by noise"
-        return Check(_STEP, text, file=part.file)
-    when, line = quantity(float(part.time[at]), "s"), part.row_line(at)
+        return outliers, lost, Check(_STEP, text, file=file)
+    when = quantity(float(part.time[index]), "s")
     text = f"{part}: the force {'rises' if size > 0.0 else 'falls'} by {quantity(abs(size), 'N')} at {when}, "
     text += f"{in_words(times, 2)} times its scatter, while it is held or oscillates steadily"
     cause = f"specimen or punch slipped in {part} at {when}, or the cell was knocked: use what precedes, or repeat it"
-    return Check(_STEP, text, "doubtful", cause=cause, file=part.file, line=line)
+    return outliers, lost, Check(_STEP, text, "doubtful", cause=cause, file=file, line=part.row_line(index))
 
 
 def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
@@ -369,24 +347,13 @@ def _of_cell(load_cell: LoadCell, loads: xr.Dataset) -> Iterator[Check]:
     if declared is None or measured is None:
         yield not_made(_DELAY, "a measured delay, and a declared filter")
         return
-    value, u = measured
-    expected = mach1_readings.filter_delay(as_declared).value
+    (value, u), (expected, u_type, _) = measured, mach1_readings.filter_delay(as_declared)
     seen, usual = quantity(value, "s"), quantity(expected, "s")
     text = f"{record}: the delay is {seen}, a filter of order {int(declared['order'])} and {declared['cutoff']:.3g} Hz "
     cause = f"the delay of the filter in {record} is probably {usual}, not {seen}"
     place: dict[str, Any] = {"file": record, "setting": "values.filter_delay", "cause": cause}
-    place["allowance"] = _DELAYS * expected
+    place["allowance"] = 3.0**0.5 * u_type  # the usual types differ from a Butterworth by so much at most
     yield compared(_DELAY, f"{text}has about {usual}", value, u, expected, 0.1 * expected, **place)
-
-
-def _of_force(name: str, loads: xr.Dataset, model: xr.Dataset | None, at: int, u_modulus: float) -> Check:
-    """Compare the force at a sample with that of the model for the named material."""
-    if loads.attrs["is_tared"] and model is not None and "simulated_force" in model:
-        force, expected = float(loads["force"][at]), float(model["simulated_force"][at])
-        if force > 0.0 and expected > 0.0:
-            text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
-            return compared(_RATIO, text, force, 0.0, expected, u_modulus * expected, file=name)
-    return not_made(_RATIO, "a model, and forces above 0")
 
 
 def _of_punch(settings: Indentation, deepest: float) -> Iterator[Check]:

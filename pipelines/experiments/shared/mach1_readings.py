@@ -20,13 +20,12 @@ from labpipe.units import Quantity
 from labpipe.variables import with_u
 from pipelines.experiments.shared import mach1_touch
 from pipelines.experiments.shared.exclusions import EXCLUDED, left_out, without_readings
+from pipelines.experiments.shared.mach1_touch import FINENESS, STEP
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import named_columns
 
 _APPROACH = "Find Contact"
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
-FINENESS = mach1_touch.FINENESS  # steps per sample, so that a digital filter behaves as the analogue one
-_POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
 
 def readings(path: Path, *, settings: object = None) -> xr.Dataset:
@@ -245,12 +244,23 @@ def ramp_speed(time: Floats, position: Floats) -> float:
     return float(np.polyfit(time[middle], position[middle], 1)[0]) if middle.sum() > 2 else np.nan
 
 
-def history(time: Floats, displacement: Floats) -> Integers:
-    """Choose the samples that a simulation needs: all in motion, few at rest, the first and the last."""
+def hold_of(position: Floats, share: float = 2e-3) -> tuple[float, float]:
+    """Return the position [m] of the hold after a ramp, and within which distance of it [m] the stage has arrived."""
+    return float(np.median(position[position.size // 2 :])), max(share * float(np.ptp(position)), 2.0 * STEP)
+
+
+def filter_settles(loads: xr.Dataset, time_constants: float = 20.0) -> float:
+    """Return the time [s] after which the cell's filter leaves a relaxation as it is; 0 without a filter."""
+    declared = declared_filter(loads)
+    return 0.0 if declared is None else time_constants / (2.0 * np.pi * declared["cutoff"])
+
+
+def history(time: Floats, displacement: Floats, per_decade: int = 25) -> Integers:
+    """Choose the samples that a simulation needs: all in motion, of a rest a few per decade, the first and the last."""
     moving = np.concatenate([[True], np.diff(displacement) != 0])
     moving[:-1] |= moving[1:]
     kept: list[Integers] = [np.flatnonzero(moving), np.array([0, time.size - 1])]
     for rest in _runs(~moving):
-        points = max(4, int(np.log10(rest.size) * _POINTS_PER_DECADE))
+        points = max(4, int(np.log10(rest.size) * per_decade))
         kept.append(rest[np.geomspace(1, rest.size, points).astype(int) - 1] if rest.size >= 4 else rest)
     return np.unique(np.concatenate(kept)).astype(np.int64)

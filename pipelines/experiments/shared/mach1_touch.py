@@ -20,18 +20,25 @@ from labpipe.units import Quantity
 FINENESS = 10  # steps per reading: a touch lies between two of them
 STEP = 1e-7
 """m, the step of the stage's display outside a Sinusoid block."""
-_GROWTH = 1.09  # power of a line contact's force over its first micrometres: 1.06 to 1.13
 _POWERS = np.linspace(0.70, 1.15, 12)  # with relaxation: a loss factor of 0.6 lowers it by 0.35
-_RESTED = 1.5  # of the time from touch to rest: so long a power of time describes relaxation
 
 
-def touched(part: xr.Dataset, delay: Quantity, sections: Floats | None, count: int = 81) -> Quantity:
+def touched(
+    part: xr.Dataset,
+    delay: Quantity,
+    sections: Floats | None,
+    count: int = 81,
+    line_power: float = 1.09,
+    rested: float = 1.5,
+) -> Quantity:
     """Return the position of first touch [m].
 
     ``part`` holds ``time``, ``position_z`` and ``force`` of an approach, ``delay`` [s] is that of the load cell's
     filter, ``sections`` (section, 6) the filter itself at :data:`FINENESS` steps a reading, None without one. The
-    likelihood is found at ``count`` places at a time, about the likely ones until a quarter of them is. The
-    uncertainty is the standard deviation of where the touch may be, with the display's step and the delay.
+    likelihood is found at ``count`` places at a time, about the likely ones until a quarter of them is. The force of
+    a line contact grows over its first micrometres with a power of 1.06 to 1.13, ``line_power``; a power of time
+    describes relaxation for ``rested`` times as long as from touch to rest. The uncertainty is the standard deviation
+    of where the touch may be, with the display's step and the delay.
     """
     from scipy.signal import fftconvolve, sosfilt
 
@@ -41,7 +48,7 @@ def touched(part: xr.Dataset, delay: Quantity, sections: Floats | None, count: i
     rough = first_touch(np.interp(time - delay.value, time, position)[: arrived + 1], force[: arrived + 1])
     # readings depend on the touch until the stage has rested for a while, or goes back
     touch = int(np.argmax(position > min(rough, position[arrived] - STEP)))
-    used = arrived + 1 + round(_RESTED * (arrived - touch) + delay.value / float(np.median(np.diff(time))))
+    used = arrived + 1 + round(rested * (arrived - touch) + delay.value / float(np.median(np.diff(time))))
     back = np.flatnonzero(position[arrived:] < position[arrived] - 2.0 * STEP)
     used = min(used, arrived + int(back[0]) if back.size else position.size)
     position, force = position[:used], force[:used]
@@ -55,7 +62,7 @@ def touched(part: xr.Dataset, delay: Quantity, sections: Floats | None, count: i
         """Return the logarithm of the likelihood (power, place) for the best level and stiffness."""
         depth, found = np.maximum(fine - places[:, None], 0.0) / unit, []
         for power in _POWERS.tolist():
-            growth = max(power, _GROWTH)
+            growth = max(power, line_power)
             # the force of a growing contact, in any unit
             memory = np.diff(np.arange(fine.size + 1, dtype=float) ** (1.0 - growth + power))
             shape = fftconvolve(np.diff(depth**growth, axis=1, prepend=0.0), memory[None], axes=1)[:, : fine.size]

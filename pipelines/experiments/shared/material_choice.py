@@ -24,9 +24,6 @@ TEMPERATURE, POISSONS_RATIO, SPECIMEN = "temperature", "Poisson's ratio", "DMA, 
 _OF_DMA = "DMA, "
 OF_LIBRARY = "counter-body, "
 """Beginning of the name of a counter-body whose modulus is of the library."""
-_LEAST_WARMER = 3.0  # K
-_LEAST_POISSON = 0.03
-_LEAST_SCALE = 0.02
 
 
 def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Prony:
@@ -70,23 +67,29 @@ class Variation(NamedTuple):
 
 
 def variations(
-    choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None, times: tuple[float, float]
+    choice: MaterialChoice,
+    file: Path | None,
+    fitted: xr.Dataset | None,
+    times: tuple[float, float],
+    *,
+    warmer: float = 3.0,
+    least: float = 0.03,
 ) -> dict[str, Variation]:
     """Return the uncertain inputs of the material, each with the solid of a changed one.
 
     The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
     contact, E / (1 - nu^2), and nothing else. A rheometer's uncertainty comes as independent
-    changes of the whole spectrum, of unit size. The changes are large enough to exceed the error of a
-    simulation. ``times`` are the shortest and longest [s] on which the experiment
-    depends.
+    changes of the whole spectrum, of unit size. Changes exceed the error of a simulation: a temperature by ``warmer``
+    [K] at least, Poisson's ratio and the scale of the modulus by ``least``. ``times`` are the shortest and longest [s]
+    on which the experiment depends.
     """
     found: dict[str, Variation] = {}
     stated = choice.temperature if not isinstance(choice, Sphere) else choice.inside
     if stated is not None:  # one without an uncertainty may be stated wrongly as well
-        step = max(stated.u, _LEAST_WARMER)
+        step = max(stated.u, warmer)
         off = Quantity(stated.value + step, 0.0, stated.si)
-        warmer = msgspec.structs.replace(choice, temperature=off)
-        found[TEMPERATURE] = Variation(stated, step, resolve(warmer, file, fitted))
+        solid = resolve(msgspec.structs.replace(choice, temperature=off), file, fitted)
+        found[TEMPERATURE] = Variation(stated, step, solid)
     if fitted is not None:  # what the rheometer leaves uncertain: modes of its spectrum, and the specimen's size
         best = fitted_at(fitted, None)
         where = float(fitted["T_ref"]) if stated is None else stated.value
@@ -95,14 +98,14 @@ def variations(
             found[name] = Variation(Quantity(0.0, 1.0, "1"), 1.0, solid.shifted(slower, stiffer))
         u_scale = float(fitted.attrs["u_scale"])
         if u_scale > 0.0:
-            step = max(u_scale, _LEAST_SCALE)
+            step = max(u_scale, least)
             solid = best.shifted(slower, stiffer).scaled(1.0 + step)
             found[SPECIMEN] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
     nu = poissons_ratio(choice, file, fitted)
     if nu.u > 0.0:
         # of a modulus that was measured in shear, nu has made the one in tension before
         power = 1 if fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0 else 2
-        step = max(nu.u, _LEAST_POISSON)
+        step = max(nu.u, least)
         factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
         found[POISSONS_RATIO] = Variation(nu, step, resolve(choice, file, fitted).scaled(factor))
     return found

@@ -20,8 +20,6 @@ from pipelines.experiments.shared.material_choice import poissons_ratio
 from pipelines.experiments.shared.punch_model import Geometry, relative_sources
 from pipelines.experiments.shared.punch_settings import Indentation
 
-_NO_HEIGHT = '{}: the height is stated without an uncertainty; write it as "{:g} ± 0.01 mm"'
-
 
 @dataclass(frozen=True, eq=False)
 class MaterialEvidence:
@@ -110,7 +108,8 @@ def of_drop(
     spread = float(np.std(heights, ddof=1)) if len(heights) > 1 else 0.0
     sd = float(np.hypot(height.u, spread / np.sqrt(max(len(heights), 1))))
     if sd == 0.0:
-        raise InputError(_NO_HEIGHT.format(name, height.value * 1e3))
+        text = f'write it as "{height.value * 1e3:g} ± 0.01 mm"'
+        raise InputError(f"{name}: the height is stated without an uncertainty; {text}")
     unknowns["height"] = nuisance(f"{name} height", height.value, sd, "m", "mean height of the drops")
     for unknown in of_poissons_ratio(nu):
         unknowns["modulus"] = unknown

@@ -1,4 +1,4 @@
-"""Uncertain inputs of a simulation, stored with its result: names, values, standard uncertainties and units."""
+"""Uncertain inputs of a simulation or comparison, stored with it: names, values, standard uncertainties and units."""
 
 from collections.abc import Mapping
 
@@ -29,3 +29,8 @@ def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
         return {}
     columns = (made[name].values.tolist() for name in ("uncertain", *INPUTS))
     return {str(name): Quantity(value, u, str(unit)) for name, value, u, unit in zip(*columns, strict=True)}
+
+
+def slopes_of(compared: xr.Dataset, name: str, i: int) -> dict[str, float]:
+    """Return the changes of a value, the ``i``-th of the slopes that a comparison holds, with its inputs."""
+    return dict(zip(compared["uncertain"].values.tolist(), compared[name].values[:, i].tolist(), strict=True))

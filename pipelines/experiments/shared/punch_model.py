@@ -5,7 +5,7 @@ measured one, whatever was commanded.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_readings, mach1_touch
 from pipelines.experiments.shared.mach1_readings import relative_gain
-from pipelines.experiments.shared.material_choice import Variation, resolve, variations
+from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 
@@ -116,42 +116,29 @@ def laid_along(
     return along_curve(means, own, np.array([*of_cell, *of_model]))
 
 
-def model(
-    loads: xr.Dataset, found: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Indentation
-) -> xr.Dataset:
-    """Simulate a file with the solid and the punch that the settings name, as :func:`simulated` does.
-
-    ``found`` holds first touch. Without punch, substrate and first touch there is nothing to simulate: the result
-    says so. The force depends on the solid from one reading to the whole record.
-    """
-    punch, substrate, touch = settings.punch, settings.substrate, mach1_readings.touch_of(found)
-    if punch is None or substrate is None or not np.isfinite(touch.value):
-        return xr.Dataset(attrs={"absent": absent(settings, found)})
-    solid, time = resolve(substrate, file, fitted), mach1_readings.clock(loads)
-    times = float(np.median(np.diff(loads["time"].values))), float(np.ptp(time))
-    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
-    return simulated(loads, touch, solid, geometry, variations(substrate, file, fitted, times))
-
-
 def absent(settings: Indentation, found: xr.Dataset) -> str:
     """Return why nothing can be simulated where punch, substrate or first touch is missing."""
     is_named = settings.punch is not None and settings.substrate is not None
     return str(found.attrs["contact"]) if is_named else NOTHING_NAMED
 
 
-def simulated(
-    loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry, others: Mapping[str, Variation]
+def model(
+    loads: xr.Dataset, found: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Indentation
 ) -> xr.Dataset:
-    """Simulate a whole file with its measured displacement, from the stage position of first touch on.
+    """Simulate a whole file with its measured displacement, from the stage position of first touch, ``found``, on.
 
     Returns ``force`` (sample,) [N] before the cell's filter with its ``u_``, its inputs (:data:`.INPUTS`) and
-    ``slope`` (uncertain, sample), the change of the force with each, SI. They are first touch, the punch and
-    ``others``, of the solid; the number of tips has no uncertainty, but can be stated wrongly. Attributes say how it
-    was made.
+    ``slope`` (uncertain, sample), the change of the force with each, SI. They are first touch, the punch and those of
+    the solid; the number of tips has no uncertainty, but can be stated wrongly. Attributes say how it was made.
+    Without punch, substrate and first touch there is nothing to simulate: the result says so.
     """
     from labpipe.identification import lee_radok_basis
 
-    time = mach1_readings.clock(loads)
+    punch, substrate, touch = settings.punch, settings.substrate, mach1_readings.touch_of(found)
+    if punch is None or substrate is None or not np.isfinite(touch.value):
+        return xr.Dataset(attrs={"absent": absent(settings, found)})
+    solid, time = resolve(substrate, file, fitted), mach1_readings.clock(loads)
+    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
     if np.any(np.diff(time) < 0):
         raise InputError("the blocks of the file overlap in time; their start times cannot be right")
     depth = loads["position_z"].values - touch.value
@@ -174,6 +161,9 @@ def simulated(
         slopes[source.source] = Quantity(source.value, source.u, source.unit), source.sensitivity * force
     tips = float(geometry.punch.tips)
     slopes["number of tips"] = Quantity(tips, 0.0, "1"), force / tips
+    # the force depends on the solid from one reading to the whole record
+    times = float(np.median(np.diff(loads["time"].values))), float(np.ptp(time))
+    others = variations(substrate, file, fitted, times)
     slopes |= {name: (o.given, (superposed(area, o.solid) - best) / o.change) for name, o in others.items()}
     slope = np.array([one for _, one in slopes.values()])
     u = np.linalg.norm(slope * [[given.u] for given, _ in slopes.values()], axis=0)
@@ -181,7 +171,7 @@ def simulated(
     work.pop("seconds", None)  # the clock has no place in a stored result
     attrs = {key: str(made.attrs[key]) for key in ("solver", "datum")} | {"work": json.dumps(work)}
     text = "simulated force, before the cell's filter"
-    found = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
+    table = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
     text = "change of the simulated force with an input, SI"
-    found["slope"] = variable(("uncertain", "sample"), slope.astype(np.float32), "1", text)
-    return table_of({name: given for name, (given, _) in slopes.items()}).assign(found).assign_attrs(attrs)
+    table["slope"] = variable(("uncertain", "sample"), slope.astype(np.float32), "1", text)
+    return table_of({name: given for name, (given, _) in slopes.items()}).assign(table).assign_attrs(attrs)

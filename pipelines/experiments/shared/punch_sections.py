@@ -32,10 +32,8 @@ def measured(settings: Any, context: Context, readings: Any = None, loads: Any =
     Results are those of one file, or one for each of several.
     """
     files = [settings.mach1] if isinstance(settings.mach1, str) else settings.mach1
-    nothing = [None] * len(files)
-    read, tared, models = (
-        one if isinstance(one, list | tuple) else nothing if one is None else [one] for one in (readings, loads, model)
-    )
+    given = (readings, loads, model)
+    read, tared, models = (one if isinstance(one, list | tuple) else [one] * len(files) for one in given)
     made = next((one for one in models if one is not None and is_there(one)), None)
     punch, rows = settings.punch, [("file" if len(files) == 1 else "files", ", ".join(files), "")]
     if punch is not None:

@@ -10,14 +10,13 @@ from scipy.linalg import orth
 
 from labpipe.judging import DOUBTFUL, SLIPS, Cause, Check, bounded, compared, in_words, not_made, too_large
 from labpipe.report import quantity, value_with_uncertainty as shown
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, record_checks
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.record_checks import Trace
-from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
+from pipelines.experiments.static_loading.comparison import rows
 from pipelines.experiments.static_loading.measured import SIDE, clear_steps, creep_design, creep_fit, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -42,9 +41,17 @@ TITLES = {
 def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, context: Context) -> Scene:
     """Judge one static loading; a step without a result is judged by its error."""
     readings, displacement = given.get("readings"), given.get("displacement")
-    failed = judgements.failed_steps(context, _FAILED)
-    checks = [record_checks.placed(check, settings.calibration, settings.laser) for check in failed]
-    checks = [_mistimed(check, displacement, settings) for check in checks]
+    checks, times = list[Check](), [np.nan if load.time is None else load.time.value for load in settings.loads[1:]]
+    for check in judgements.failed_steps(context, _FAILED):
+        at = np.empty(0) if displacement is None else clear_steps(displacement)[0]
+        off = np.flatnonzero(np.abs(at - times) > settings.steps.search.value) if at.size == len(times) else at
+        if check.name == "step steps" and off.size == 1:  # as many as stated were found, at the times of all but one
+            i = int(off[0])
+            right, said = (quantity(each, "s", 4) for each in (at[i], times[i]))
+            cause = f"the time of load {i + 2} is probably {right}, not {said}: all others fit the record"
+            checks.append(replace(check, cause=cause, file="", setting=f"loads[{i + 1}].time"))
+        else:
+            checks.append(record_checks.placed(check, settings.calibration, settings.laser))
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
         checks.append(not_made("readings", "readings of a length"))
@@ -52,31 +59,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
         checks += [of(trace) for of in (record_checks.unread, record_checks.repeated_rows, record_checks.resolution)]
     checks += record_checks.of_record({settings.laser: displacement}, settings.calibration)
     checks += given.each((_unstated, _misfit, _of_material))
-    relative = 0.0 if displacement is None else float(displacement.attrs["u_systematic_relative"])
-    steps = given.get("steps")
-    inputs = {
-        "radius": settings.sphere.radius,
-        SCALE: Quantity(1.0, relative, "1"),
-        TOUCH: Quantity(0.0, 0.0 if steps is None else float(steps["u_touch"]), "m"),
-        DRIFT: Quantity(0.0, settings.steps.drift.value, "m"),
-        MODULUS: Quantity(1.0, 0.0, "1"),
-        LOADS: Quantity(1.0, 0.0, "1"),
-    } | inputs_of(given.get("model"))
-    known_by = judgements.measured_by(settings.sphere)
+    known_by, inputs = judgements.measured_by(settings.sphere), inputs_of(given.get("comparison"))
     return Scene(checks, _causes(settings), given.each([rows]), inputs, basis=basis, measured_by=known_by)
-
-
-def _mistimed(failed: Check, displacement: xr.Dataset | None, settings: StaticLoading) -> Check:
-    """Give steps that were not found the one load whose time is wrong, where as many are seen as stated."""
-    times = [np.nan if load.time is None else load.time.value for load in settings.loads[1:]]
-    at = np.empty(0) if displacement is None else clear_steps(displacement)[0]
-    off = np.flatnonzero(np.abs(at - times) > settings.steps.search.value) if at.size == len(times) else at
-    if failed.name != "step steps" or off.size != 1:
-        return failed
-    i = int(off[0])
-    right, given = (quantity(each, "s", 4) for each in (at[i], times[i]))
-    cause = f"the time of load {i + 2} is probably {right}, not {given}: all others fit the record"
-    return replace(failed, cause=cause, file="", setting=f"loads[{i + 1}].time")
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:

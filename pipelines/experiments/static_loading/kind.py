@@ -4,25 +4,15 @@ from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judge
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _MOVED, _STEPPED = "sensor measured_on loads steps.window", "loads sphere.radius steps model.gravity"
-_SIMULATED = "sphere counter_body model"
+_SIMULATED, _COMPARED, _LOADED = "sphere counter_body model", "loads sphere.radius steps", "displacement steps"
 
 _STAGES = (
     stage("static_loading.measured:readings", "file:laser", "keyence exclude", "read the laser export"),
     stage("static_loading.measured:displacement", "readings file:calibration", _MOVED, "correct the inclination"),
     stage("static_loading.measured:steps", "displacement", _STEPPED, "find load times and first touch; compliance"),
-    stage(
-        "static_loading.measured:approach",
-        "displacement steps",
-        "sphere.radius steps",
-        "approach, contact radius and creep under each load",
-    ),
-    stage("static_loading.model:model", f"displacement steps {solid_of('sphere')}", _SIMULATED, "simulate the creep"),
-    stage(
-        "static_loading.comparison:comparison",
-        "displacement approach steps model",
-        "loads sphere.radius steps",
-        "measurement against model and Hertz",
-    ),
+    stage("static_loading.measured:approach", _LOADED, "sphere.radius steps", "approach, radius, creep of each load"),
+    stage("static_loading.model:model", f"{_LOADED} {solid_of('sphere')}", _SIMULATED, "simulate the creep"),
+    stage("static_loading.comparison:comparison", f"{_LOADED} approach model", _COMPARED, "against model and Hertz"),
     judged("static_loading", "readings displacement steps approach model comparison", rests_on="sphere.material_from"),
     reported("static_loading", "readings displacement steps approach model comparison"),
 )

@@ -28,7 +28,7 @@ from scipy.signal import find_peaks
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.judging import stretch_means
+from labpipe.judging import doubtful_among, stretch_means
 from labpipe.signals import estimate_noise
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
@@ -36,12 +36,10 @@ from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.shared.exclusions import without_readings
 from pipelines.experiments.static_loading.settings import StaticLoading
 
-_TERMS_PER_DECADE = 2  # of the creep compliance that is fitted
 SIDE = 4
 """Readings on either side of a step."""
 POINTS = 80
 """Points of a curve of creep, evenly in the logarithm of time."""
-_CLEAR = 5.0  # standard deviations by which a step must stand out
 
 
 def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
@@ -125,7 +123,7 @@ def clear_steps(displacement: xr.Dataset, least: float = 0.1) -> tuple[Floats, F
     time, moved = valid(displacement)
     level = np.median(np.lib.stride_tricks.sliding_window_view(moved, SIDE), axis=1)
     jump = level[SIDE:] - level[:-SIDE]
-    tops, _ = find_peaks(jump, height=_CLEAR * estimate_noise(moved).sigma, distance=2 * SIDE + 1)
+    tops, _ = find_peaks(jump, height=doubtful_among(jump.size) * estimate_noise(moved).sigma, distance=2 * SIDE + 1)
     tops = tops[jump[tops] >= least * jump[tops].max(initial=0.0)]
     # between the two readings that differ most
     at = np.array([top + 1 + np.argmax(np.diff(moved[top + 1 : top + 2 * SIDE - 1])) for top in tops], int)
@@ -174,13 +172,13 @@ def settled(time: Floats, table: xr.Dataset, settings: StaticLoading) -> NDArray
     return kept
 
 
-def creep_design(time: Floats, table: xr.Dataset, radius: float) -> tuple[Floats, Floats]:
-    """Return approach^{3/2} under unit compliances: at once, and creep with each time tau [s]."""
+def creep_design(time: Floats, table: xr.Dataset, radius: float, per_decade: int = 2) -> tuple[Floats, Floats]:
+    """Return approach^{3/2} under unit compliances: at once, and creep with each time tau [s], so many a decade."""
     begin = table["begin"].values
     added = np.diff(table["force"].values, prepend=0.0)
     spacing, whole = float(np.median(np.diff(time))), float(time[-1] - begin[0])
     decades = np.log10(whole / spacing)
-    tau = np.geomspace(spacing, whole, int(decades * _TERMS_PER_DECADE) + 1)
+    tau = np.geomspace(spacing, whole, int(decades * per_decade) + 1)
     since = np.maximum(time[:, None] - begin, 0.0)
     columns = [(added * (since > 0)).sum(axis=1)]
     columns += [(-added * np.expm1(-since / each)).sum(axis=1) for each in tau]

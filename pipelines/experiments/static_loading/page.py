@@ -1,5 +1,6 @@
 """The report of a static loading."""
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -32,7 +33,14 @@ def _details(steps: xr.Dataset, comparison: xr.Dataset | None = None) -> list[tu
     return rows
 
 
-def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = None) -> Section:
+def _loads(
+    settings: StaticLoading,
+    steps: xr.Dataset,
+    approach: xr.Dataset,
+    model: xr.Dataset | None = None,
+    comparison: xr.Dataset | None = None,
+) -> Iterator[Section]:
+    """Show the contact radius over time, and the loads with what was found under each."""
     time = approach["time"].values
     series: list[Series] = [Series("readings", time, approach["contact_radius"].values, role="measured")]
     edges = np.append(steps["begin"].values, steps["end"].values[-1])
@@ -44,12 +52,7 @@ def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = N
     views = [(f"load {i}", *ends) for i, ends in enumerate(pairwise(edges), 1)]
     lines = [(name, begin) for name, begin, _ in views]
     labels = ("Contact radius, a = √(R δ)", "time / min", "contact radius / µm")
-    return Section("Contact radius", (pages.chart(*labels, series, vlines=lines, views=views, height_px=340),))
-
-
-def _loads(
-    settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None = None
-) -> Section:
+    yield Section("Contact radius", (pages.chart(*labels, series, vlines=lines, views=views, height_px=340),))
     expected = {"creep_model": "creep, model / µm", "hertz_difference": "contact radius, measured − Hertz"}
     columns = [
         Listed("load / kg", [load.mass.value for load in settings.loads]),
@@ -64,7 +67,7 @@ def _loads(
     )
     if comparison is not None:
         caption += f" Hertz with the {comparison.attrs['reference']} does not creep."
-    return Section("Loads", (listed(columns, caption, sortable=False),))
+    yield Section("Loads", (listed(columns, caption, sortable=False),))
 
 
 def _compliance(steps: xr.Dataset, model: xr.Dataset | None = None) -> Section:
@@ -109,7 +112,7 @@ page = Report(
     shown=("readings", "displacement", "steps", "approach", "model", "comparison"),
     details=_details,
     rows=rows,
-    sections=(pages.recordings, _radii, _loads, _compliance),
+    sections=(pages.recordings, _loads, _compliance),
     budget=quantities,
     methods=_methods,
 )

@@ -1,6 +1,5 @@
 """Settings of a static loading: a sphere on a disc, masses added to the holder one by one."""
 
-from collections.abc import Sequence
 from itertools import accumulate, pairwise
 from typing import Annotated, Literal
 
@@ -33,19 +32,6 @@ class Steps(Table, frozen=True, kw_only=True):
     drift: Annotated[Length, NOT_NEGATIVE] = Quantity(0.0, 0.0, "m")  #: u of the zero, which wanders over the record
 
 
-def _listed(masses: Sequence[float]) -> str:
-    return ", ".join(f"{m:g} kg" for m in masses)
-
-
-def _remedy(masses: Sequence[float]) -> str:
-    """Say which two neighbouring loads are exchanged, or what the totals are where increments were stated."""
-    for i in range(len(masses) - 1):
-        swapped = [*masses[:i], masses[i + 1], masses[i], *masses[i + 2 :]]
-        if all(a < b for a, b in pairwise(swapped)):
-            return f"loads {i + 1} and {i + 2} are probably exchanged"
-    return f"if each is what was added, the totals to state are {_listed(list(accumulate(masses)))}"
-
-
 class StaticLoading(OfLaser, frozen=True, kw_only=True):
     """One record of the laser while loads are added; the first is on from the beginning.
 
@@ -65,10 +51,14 @@ class StaticLoading(OfLaser, frozen=True, kw_only=True):
         """Refuse loads that fall, and times that run backwards."""
         masses = [load.mass.value for load in self.loads]
         if any(b <= a for a, b in pairwise(masses)):
-            raise ValueError(
-                "loads: every mass is all that rests on the disc, so each must exceed the one before; found "
-                f"{_listed(masses)}; {_remedy(masses)}"
-            )
+            stated, added = (", ".join(f"{m:g} kg" for m in each) for each in (masses, accumulate(masses)))
+            remedy = f"if each is what was added, the totals to state are {added}"
+            for i in range(len(masses) - 1):
+                swapped = [*masses[:i], masses[i + 1], masses[i], *masses[i + 2 :]]
+                if all(a < b for a, b in pairwise(swapped)):
+                    remedy = f"loads {i + 1} and {i + 2} are probably exchanged"
+            text = "loads: every mass is all that rests on the disc, so each must exceed the one before; found "
+            raise ValueError(f"{text}{stated}; {remedy}")
         times = [load.time.value for load in self.loads if load.time is not None]
         if any(b <= a for a, b in pairwise(times)):
             raise ValueError(f"loads: times must grow from load to load; found {', '.join(f'{t:g} s' for t in times)}")

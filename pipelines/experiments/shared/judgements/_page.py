@@ -61,7 +61,6 @@ def with_minus(text: str) -> str:
     return _NEGATIVE.sub("\N{MINUS SIGN}", text)
 
 
-of_error = difference_unit
 VERDICT = "verdict"
 """Anchor of the verdict on a page."""
 _BESIDE = {
@@ -183,7 +182,7 @@ def noticed(result: xr.Dataset) -> str:
     shown, none = [], []
     for relative, error, name, unit in sorted(zip(*values, units, strict=True), key=lambda one: (isnan(one[0]), one)):
         # an input that is 0, such as a position, has no share, nor has a temperature in °C
-        size = quantity(error, of_error(unit)) if isnan(relative) else f"{in_words(100 * relative, 2)} %"
+        size = quantity(error, difference_unit(unit)) if isnan(relative) else f"{in_words(100 * relative, 2)} %"
         is_possible = error < ZERO_CELSIUS if unit == "degC" else not relative >= 1.0  # K to the absolute zero
         if isfinite(error) and is_possible:
             shown.append(f"{shown_source(name)}{TIED}{size.replace(' ', TIED)}")
@@ -218,5 +217,5 @@ def compared(result: xr.Dataset) -> dict[str, Any]:
         "degrees_of_freedom": told_freedom(float(result["degrees_of_freedom"])),
         "p": finite(result["p"]),
         "suspects": suspected(result),
-        "detectable": {name: {"value": finite(error), "unit": of_error(unit)} for name, error, unit in named},
+        "detectable": {name: {"value": finite(error), "unit": difference_unit(unit)} for name, error, unit in named},
     }

@@ -1,7 +1,7 @@
 """The stage of a judgement: titles of checks, the experiments it rests on, and checks and comparison as one verdict."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Agreement, Check, Judgement, agreement, detectable, judge, model_verdict, to_json
+from labpipe.judging import Agreement, Check, agreement, detectable, judge, model_verdict, to_json
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -79,11 +79,6 @@ def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
     return found
 
 
-def laws(titles: Titles) -> dict[str, str]:
-    """Return the sentence of each check of a kind, in the order of its page."""
-    return {title: of.law for title, of in {**titles, **COMMON}.items()}
-
-
 def u_modulus(material: Any) -> float:
     """Return the relative standard uncertainty of the modulus of a solid as settings choose it."""
     return MEASURED if measured_by(material) else BY_NAME
@@ -99,7 +94,8 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects``
     explanations of a model that differs, and ``is_explained`` whether the first of them is plausible.
     """
-    judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws(titles))
+    laws = {title: of.law for title, of in {**titles, **COMMON}.items()}  # in the order of the page
+    judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws)
     made = Compared.of(scene)
     names, found, smallest = made.names, None, np.full(len(made.names), np.inf)
     if made.rows:
@@ -117,7 +113,12 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     elif model == "differs" and scene.basis.is_sound:
         reason = undecided_by(scene.inputs, made)
     elif model == "agrees":
-        reason = _doubted(judged, {name for row in made.rows for name in row.slopes} | set(scene.inputs))
+        taken = {name for row in made.rows for name in row.slopes} | set(scene.inputs)
+        settings = (finding.setting for finding in judged.findings if finding.level == "doubtful")
+        doubted = next((setting for setting in settings if setting.rpartition(".")[2] in taken), "")
+        reason = f"{doubted}, which the model takes, is doubtful itself" if doubted else ""
+        if judged.believable == "impossible":
+            reason = "a record that cannot be as it is agrees with nothing"
     is_held = scene.basis.is_sound and not reason
     told, is_plausible = list[str](), True
     if model == "differs" or not is_held:
@@ -149,17 +150,6 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
             "is_explained": int(is_plausible),
         },
     )
-
-
-def _doubted(judged: Judgement, inputs: Set[str]) -> str:
-    """Say why nothing can agree: the record is impossible, or a value that the model takes is not believed."""
-    for finding in judged.findings:
-        if finding.level == "impossible":
-            return "a record that cannot be as it is agrees with nothing"
-        name = finding.setting.rpartition(".")[2]
-        if finding.level == "doubtful" and name in inputs:
-            return f"{finding.setting}, which the model takes, is doubtful itself"
-    return ""
 
 
 def judging(

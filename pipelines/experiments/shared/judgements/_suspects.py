@@ -19,11 +19,11 @@ from labpipe.judging import (
     in_words,
     model_verdict,
 )
-from labpipe.report import quantity
+from labpipe.report import difference_unit, quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.judgements._page import TIED, chance, of_error
+from pipelines.experiments.shared.judgements._page import TIED, chance
 from pipelines.experiments.shared.judgements._scene import Scene
 from pipelines.experiments.shared.material_choice import is_unstated
 
@@ -126,10 +126,22 @@ class _Error(NamedTuple):
         reach = max(_LINEAR * abs(self.given.value), 2 * IMPOSSIBLE * self.given.u)
         return not self.given.value or abs(self.size) <= reach
 
+    def is_refuted(self, scene: Scene, judged: Judgement) -> bool:
+        """Return whether it would have failed a check that passed."""
+        name, given = self.name, self.given
+        if not given.value or not abs(self.size) < abs(given.value):
+            held = [c for c in judged.checks if c.is_made and c.setting == name and np.isfinite(c.log_ratio)]
+            return bool(held) and not any(c.level for c in held)
+        right = log(given.value / (given.value - self.size))
+        causes = [c for c in scene.causes if name in (c.setting, c.setting.rpartition(".")[2])]
+        passed = [c for c in judged.checks if c.is_made and c.level is None and np.isfinite(c.u_log_ratio)]
+        moved = ((abs(cause.effects.get(check.name, 0.0) * right), check) for cause in causes for check in passed)
+        return any(by > DOUBTFUL * check.u_log_ratio for by, check in moved)
+
     def sentence(self, alike: "Sequence[_Error]" = ()) -> str:
         """Say by how much the input would have to be stated wrongly; others that are ``alike`` explain as much."""
         others = f" (or {', '.join(other.name for other in alike)})" * bool(alike)
-        by, u = quantity(abs(self.size), of_error(self.given.si)), "stated" if self.given.u else "usual"
+        by, u = quantity(abs(self.size), difference_unit(self.given.si)), "stated" if self.given.u else "usual"
         if self.given.si == "1" and self.given.value:
             by = f"{in_words(100 * abs(self.size / self.given.value), 2)} %"
         said = f"{self.name}{others} stated {by} too {'large' if self.size > 0.0 else 'small'} would explain "
@@ -156,7 +168,7 @@ def undecided_by(inputs: Mapping[str, Quantity], compared: Compared) -> str:
         return ""
     alone = [i for i in usual if not differs([i])]
     listed = alone or [i for i in usual if np.any(slopes[:, i])]
-    shown = ", ".join(f"{names[i]} (± {quantity(usual[i], of_error(inputs[names[i]].si), 1)})" for i in listed)
+    shown = ", ".join(f"{names[i]} (± {quantity(usual[i], difference_unit(inputs[names[i]].si), 1)})" for i in listed)
     joined = "or" if alone and len(alone) > 1 else "and"
     words = f" {joined} ".join(names[i] for i in listed)
     return (
@@ -191,10 +203,10 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared, most: int 
     ]
     best = max(errors, key=lambda error: error.share)
     close = [error for error in errors if (best.share - error.share) * chi2 < _CLOSE]
-    refuted = {error.name for error in errors if _is_refuted(error, scene, judged)}
+    refuted = {error.name for error in errors if error.is_refuted(scene, judged)}
     near = [e for e in errors if e.share >= 1.0 - _MOST and e.is_near and e.name not in refuted]
     is_one_input = any(error.share >= _MOST and not error.is_excluded for error in near)
-    told = ([] if is_one_input else _one_recording(compared)) + _alternatives(scene, compared, chi2)
+    told = _trials(scene, compared, chi2, is_one_input)
     typed, about = _by_a_factor(scene, compared, {error.name for error in close}, refuted)
     told += [] if scene.unstated else typed
     # of those that explain as much the likelier one takes less of its own uncertainty
@@ -213,47 +225,31 @@ def explanations(scene: Scene, judged: Judgement, compared: Compared, most: int 
     return told[:most] or [_UNEXPLAINED], is_plausible
 
 
-def _one_recording(compared: Compared) -> list[str]:
-    """Name the recording without which the model would not differ, where there are three or more."""
+def _trials(scene: Scene, compared: Compared, chi2: float, is_one_input: bool) -> list[str]:
+    """Name the one recording without which the model would not differ, and another material or temperature.
+
+    The first where no input explains all and there are three recordings or more. After a temperature that its stated
+    uncertainty excludes, a material that is in no library is named.
+    """
     conditions, alone = np.array([row.condition for row in compared.rows]), list[str]()
     named = dict.fromkeys(conditions.tolist())
-    for name in named if len(named) > 2 else ():
+    for name in named if len(named) > 2 and not is_one_input else ():
         kept = conditions != name
-        found = agreement(compared.differences[kept], compared.covariance[np.ix_(kept, kept)])
-        alone += [name] if model_verdict(found, could_notice=True) != "differs" else []
+        left = agreement(compared.differences[kept], compared.covariance[np.ix_(kept, kept)])
+        alone += [name] if model_verdict(left, could_notice=True) != "differs" else []
     said = "only {} differs: that recording is of another test, or its gain or zero is wrong"
-    return [said.format(name) for name in alone] if len(alone) == 1 else []
-
-
-def _alternatives(scene: Scene, compared: Compared, chi2: float) -> list[str]:
-    """Name the other material or temperature that explains most of a difference.
-
-    After a temperature that its stated uncertainty excludes, a material that is in no library is named.
-    """
+    told = [said.format(name) for name in alone] if len(alone) == 1 else []
     found = [] if scene.alternatives is None else scene.alternatives(compared.rows, compared.covariance)
     known = [each for each in found if np.isfinite(each.differences).all()]
     sizes = [(agreement(each.differences, compared.covariance).chi2, each) for each in known]
     best = sorted((one for one in sizes if one[0] < (1 - _MOST) * chi2), key=lambda one: one[0])
     close = [(size, each) for size, each in best if size < best[0][0] + max(_CLOSE, best[0][0])]
-    told = [f"{each.sentence}; {_share(1 - size / chi2)}" for size, each in close]
+    told += [f"{each.sentence}; {_share(1 - size / chi2)}" for size, each in close]
     return [*told, f"or {scene.another_material}"] if len(close) == 1 and close[0][1].is_excluded else told
 
 
 def _share(share: float) -> str:
     return f"that would explain {100 * share:.0f}{TIED}% of it"
-
-
-def _is_refuted(error: _Error, scene: Scene, judged: Judgement) -> bool:
-    """Return whether an error that explains the difference would have failed a check that passed."""
-    name, given = error.name, error.given
-    if not given.value or not abs(error.size) < abs(given.value):
-        held = [c for c in judged.checks if c.is_made and c.setting == name and np.isfinite(c.log_ratio)]
-        return bool(held) and not any(c.level for c in held)
-    right = log(given.value / (given.value - error.size))
-    causes = [c for c in scene.causes if name in (c.setting, c.setting.rpartition(".")[2])]
-    passed = [c for c in judged.checks if c.is_made and c.level is None and np.isfinite(c.u_log_ratio)]
-    moved = ((abs(cause.effects.get(check.name, 0.0) * right), check) for cause in causes for check in passed)
-    return any(by > DOUBTFUL * check.u_log_ratio for by, check in moved)
 
 
 def _by_a_factor(scene: Scene, compared: Compared, close: Set[str], refuted: Set[str]) -> tuple[list[str], list[str]]:

@@ -35,7 +35,7 @@ def curve(ptfe):
     settings = settings_for("ptfe", fit=Fit(vertical="linear", delay="on"))  # as the session of the rig says
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        sweeps = dma.gathered([ptfe[0]], settings=settings)
+        sweeps = dma.sweeps([ptfe[0]], settings=settings)
         return model.master_curve(sweeps, settings=settings)
 
 
@@ -163,12 +163,12 @@ def lengths(**mm):
 def test_a_wrong_dimension_is_corrected_and_its_uncertainty_is_that_of_all_moduli(ptfe):
     """A square bar in torsion: stiffness goes with the fourth power of its side, Saint-Venant's factor is 0.1406."""
     side, own = lengths(width=(3.0, 0.0), thickness=(3.0, 0.03)), lengths(length=(20.0, 0.1))
-    plain = dma.gathered([ptfe[0]], settings=settings_for("ptfe"))
-    stated = dma.gathered([ptfe[0]], settings=settings_for("ptfe", specimen=Specimen(**own, **side)))
+    plain = dma.sweeps([ptfe[0]], settings=settings_for("ptfe"))
+    stated = dma.sweeps([ptfe[0]], settings=settings_for("ptfe", specimen=Specimen(**own, **side)))
     np.testing.assert_allclose(stated["storage"], plain["storage"], rtol=1e-12)  # nothing was entered otherwise
     assert stated.attrs["u_scale"] == pytest.approx(np.hypot(0.1 / 20, 2 * 0.03 / 3), rel=0.02)  # thickness^4 by halves
     wrong = Dimensions(**lengths(width=(3.3, 0.0), thickness=(3.3, 0.0)))
-    corrected = dma.gathered([ptfe[0]], settings=settings_for("ptfe", specimen=Specimen(**own, **side, entered=wrong)))
+    corrected = dma.sweeps([ptfe[0]], settings=settings_for("ptfe", specimen=Specimen(**own, **side, entered=wrong)))
     np.testing.assert_allclose(corrected["storage"], plain["storage"] * 1.1**4, rtol=1e-9)
 
 

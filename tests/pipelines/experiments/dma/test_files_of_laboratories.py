@@ -44,7 +44,7 @@ def write(folder, text="omega\tE'\tE''\nrad/s\tPa\tPa\n", name="pi_{t:g}C.dat", 
 def test_one_file_per_temperature_without_a_column_of_it(tmp_path):
     names = write(tmp_path)
     settings = settings_for(names, temperatures=[degrees(t) for t in SHIFT])
-    sweeps = measured.gathered([measured.readings(tmp_path / n, settings=settings) for n in names], settings=settings)
+    sweeps = measured.sweeps([measured.readings(tmp_path / n, settings=settings) for n in names], settings=settings)
     assert sweeps.temperature.values.tolist() == list(SHIFT)
     truth = SOLID.complex_modulus(2 * np.pi * FREQUENCY * 10)
     np.testing.assert_allclose(sweeps.storage.values[0], truth.real, rtol=1e-9)
@@ -109,7 +109,7 @@ def holds(t):
 def test_relaxation_tests_are_sweeps_of_a_master_curve(tmp_path):
     names = write(tmp_path, "t\tE(t)\ns\tPa\n", of=holds)
     settings = settings_for(names, temperatures=[degrees(t) for t in SHIFT], T_ref=degrees(40.0))
-    sweeps = measured.gathered([measured.readings(tmp_path / n, settings=settings) for n in names], settings=settings)
+    sweeps = measured.sweeps([measured.readings(tmp_path / n, settings=settings) for n in names], settings=settings)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         curve = model.master_curve(sweeps, settings=settings)

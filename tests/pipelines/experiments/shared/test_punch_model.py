@@ -11,9 +11,10 @@ from labpipe import contact
 from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import mach1_readings, punch_model
 from pipelines.experiments.shared.material_choice import Variation
-from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources, simulated
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 PUNCH = Punch(
@@ -80,18 +81,28 @@ def test_a_filtered_sinusoid_has_the_gain_and_lag_of_the_analogue_filter() -> No
     np.testing.assert_allclose(passed[late], known[late], atol=3e-3)
 
 
-def test_a_changed_modulus_and_a_deeper_touch_change_the_force_by_as_much_as_a_simulation_does() -> None:
+def test_a_changed_modulus_and_a_deeper_touch_change_the_force_by_as_much_as_a_simulation_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     time = np.linspace(0.0, 1.0, 40)
     loads = xr.Dataset(
         {"position_z": ("sample", 0.3e-3 * time), "time": ("sample", time), "block": ("sample", 0 * time)},
         attrs={"blocks": json.dumps([{"start": "2026-01-01T10:00:00"}])},
     )
-    chosen, touch = geometry("parabola"), Quantity(0.0, 5e-6, "m")
+    substrate, chosen = Substrate(material="nbr"), IndentationModel(profile="parabola")
+    settings = Harmonic(kind="harmonic", mach1="x", punch=PUNCH, substrate=substrate, model=chosen)
     soft, stiff = (Prony(E, [], [], nu=0.5) for E in (5e6, 5.5e6))
     others = {"modulus": Variation(Quantity(5e6, 1e5, "Pa"), 0.5e6, stiff)}
-    made = simulated(loads, touch, soft, chosen, others)
+    monkeypatch.setattr(punch_model, "resolve", lambda *_: soft)
+    monkeypatch.setattr(punch_model, "variations", lambda *_: others)
+
+    def simulated(touch: float) -> xr.Dataset:
+        found = xr.Dataset({"contact_position": touch, "u_contact_position": 5e-6})
+        return punch_model.model(loads, found, None, None, settings=settings)
+
+    made = simulated(0.0)
     force = made["force"].values
     np.testing.assert_allclose(made["slope"].sel(uncertain="modulus") * 5e6, force, atol=2e-2 * force.max())
-    deeper = simulated(loads, Quantity(5e-6, 5e-6, "m"), soft, chosen, {})
+    deeper = simulated(5e-6)
     change = made["slope"].sel(uncertain="first touch") * 5e-6
     np.testing.assert_allclose(change, deeper["force"] - force, atol=2e-3 * force.max())

@@ -94,7 +94,7 @@ def test_hertz_misses_the_creep_that_the_model_has(session: Path) -> None:
 def compared(session: Path, chosen: Any) -> xr.Dataset:
     steps, found = stage(session, "steps"), stage(session, "approach")
     made = model.model(stage(session, "displacement"), steps, None, None, settings=chosen)
-    return comparison.comparison(stage(session, "displacement"), found, steps, made, settings=chosen)
+    return comparison.comparison(stage(session, "displacement"), steps, found, made, settings=chosen)
 
 
 def test_a_modulus_a_quarter_too_low_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
