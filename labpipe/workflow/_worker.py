@@ -90,7 +90,7 @@ class Job:
             )
         store = self.store = Store(session.folder)
         try:
-            with store.writing(), store.experiment(experiment):
+            with store.experiment(experiment):
                 ready = {row.task: self.plan.keys[row.task].last for row in rows if row.state in READY}
                 store.note_latest(experiment, ready)
                 for row in rows:

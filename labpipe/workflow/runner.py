@@ -8,6 +8,7 @@ from typing import Any, TypedDict, Unpack
 
 import msgspec
 
+from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
@@ -65,7 +66,7 @@ def run_all(
 
     def begin(session: Session) -> _SessionRun:
         store, chosen = Store(session.folder), (options.get("targets"), options.get("only"))
-        store.clean()
+        files.remove_orphans(session.folder, is_deep=True)
         made = plan(session, stages, *chosen, full=full, keep=options.get("keep", False), store=store)
         store.index.save()
         is_final = chosen == (None, None) and not (made.to_run or full)
@@ -100,7 +101,7 @@ def run_all(
         for state in under_way:
             with contextlib.suppress(StorageError):
                 log(state.plan.session, "run interrupted", error=type(error).__name__)
-                state.store.clean()
+                files.remove_orphans(state.plan.session.folder, is_deep=True)
         raise
 
 

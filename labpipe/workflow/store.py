@@ -230,28 +230,13 @@ class Store:
             ordered = sorted(entries, key=lambda entry: (entry[0], entry[1] or ""))
             files.write_bytes(self._latest_path(experiment), files.seal(ordered))
 
-    # --- locks and cleaning ---
-
-    @contextlib.contextmanager
-    def writing(self) -> Iterator[None]:
-        """Hold off :meth:`clean` in other processes while this one writes."""
-        with files.lock(self.root / "writers.lock", shared=True):
-            yield
+    # --- locks and checks ---
 
     @contextlib.contextmanager
     def experiment(self, name: str) -> Iterator[None]:
         """Let one process at a time compute an experiment."""
         with files.lock(self.root / "locks" / f"{name}.lock"):
             yield
-
-    def clean(self) -> None:
-        """Remove half-written files of killed processes, unless somebody is writing now."""
-        if not self.folder.is_dir():
-            return
-        with files.lock(self.root / "writers.lock", wait=False) as is_alone:
-            if is_alone:
-                for part in self.folder.rglob(f".*{files.PART_SUFFIX}"):
-                    part.unlink(missing_ok=True)
 
     def check(self) -> list[str]:
         """Read every result again and name the damaged ones; nothing is moved."""
