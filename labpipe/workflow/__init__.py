@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from labpipe.workflow.context import Context as Context
     from labpipe.workflow.graph import Stage as Stage
     from labpipe.workflow.plan import Plan as Plan
-    from labpipe.workflow.results import Results as Results, RunResult as RunResult, open_result as open_result
+    from labpipe.workflow.results import Results as Results, RunResult as RunResult
     from labpipe.workflow.runner import run as run, run_all as run_all
     from labpipe.workflow.session import Experiment as Experiment, Session as Session, load as load
     from labpipe.workflow.store import Store as Store, events as events

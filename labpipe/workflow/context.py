@@ -96,20 +96,13 @@ class Failed(NamedTuple):
         return self.reason == NO_INPUT
 
 
-class Kept(NamedTuple):
-    """A result of earlier code that was taken as it is, and the change since in words."""
-
-    stage: str
-    recording: str | None
-    reason: str
-
-
 @dataclass(frozen=True, slots=True)
 class Context:
     """Passed to stages that ask for it; everything in it is equal for equal inputs.
 
     ``ledger`` holds the counts of the stages behind the page, ``provenance`` its origin by
-    :func:`labpipe.workflow.provenance.of_task`; ``base``, ``changed`` and ``overrides`` are those of its
+    :func:`labpipe.workflow.provenance.of_task`, and ``kept`` the stages whose results of earlier code were taken as
+    they are, with the change since in words; ``base``, ``changed`` and ``overrides`` are those of its
     :class:`labpipe.workflow.session.Experiment`.
     """
 
@@ -123,7 +116,7 @@ class Context:
     warnings: tuple[Warned, ...] = ()
     failures: tuple[Failed, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    kept: tuple[Kept, ...] = ()
+    kept: Mapping[str, str] = field(default_factory=dict)
     base: str = ""
     changed: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     overrides: Mapping[str, tuple[str, str]] = field(default_factory=dict)

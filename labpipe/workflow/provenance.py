@@ -1,18 +1,23 @@
-"""Where a result comes from: program, versions, parameters and raw files; nothing of the clock."""
+"""Where a result comes from: program, versions, parameters, raw files, and the run behind it; nothing of the clock."""
 
 import platform
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from labpipe.installation import __version__
 from labpipe.workflow.code import LIBRARIES, version
+from labpipe.workflow.context import Context, Failed, Warned, summarise
 from labpipe.workflow.graph import TaskId, lineage
-from labpipe.workflow.plan import Plan
-from labpipe.workflow.store import key_of
+from labpipe.workflow.plan import Plan, code_changed
+from labpipe.workflow.store import Store, key_of
+
+if TYPE_CHECKING:
+    from labpipe.workflow._worker import Outcome
 
 
 def program() -> dict[str, Any]:
@@ -63,3 +68,29 @@ def of_task(about_program: Mapping[str, Any], plan: Plan, task: TaskId) -> dict[
         "stages": stages,
         "inputs": [files[name] for name in sorted(files)],
     }
+
+
+def context_of(
+    plan: Plan, store: Store, task: TaskId, failed: Iterable["Outcome"], about: Mapping[str, Any] = MappingProxyType({})
+) -> Context:
+    """Return the context of a task, by the results behind it, those that ``failed``, and its origin."""
+    keys, behind, own = plan.keys, lineage(plan.tasks, task)[:-1], plan.keys[task].ingredients
+    failures = {one.task: one for one in failed}
+    found = {n: store.record(keys[n].value or "") for n in behind if n not in failures}
+    records = {name: record for name, record in found.items() if record is not None}
+    return Context(
+        **own["session"],
+        kind=own["kind"],
+        ledger=summarise((n.experiment, n.stage, record.work) for n, record in records.items()),
+        warnings=tuple(
+            Warned(n.seen_from(task), n.recording, w.category, w.text, w.count)
+            for n, record in records.items()
+            for w in record.warnings
+        ),
+        failures=tuple(
+            Failed(n.seen_from(task), n.recording, one.message, one.is_of_run, one.reason)
+            for n, one in failures.items()
+        ),
+        provenance=about,
+        kept={n.seen_from(task): code_changed(keys[n].kept) for n in behind if keys[n].kept},
+    )

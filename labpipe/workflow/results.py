@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow._worker import FAILED, Outcome
-from labpipe.workflow.graph import Argument, Stages, TaskId
-from labpipe.workflow.plan import READY, Plan, Row, plan, wanted_tasks
+from labpipe.workflow.graph import Argument, TaskId
+from labpipe.workflow.plan import READY, Plan, Row, wanted_tasks
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 
@@ -73,14 +73,6 @@ class Results:
         return [
             a.arranged(lambda slot: files / slot if isinstance(slot, str) else self.result(*slot)) for a in arguments
         ]
-
-
-def open_result(
-    session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None
-) -> "xr.Dataset":
-    """Return an up-to-date stored result without running anything; errors are those of :meth:`Results.result`."""
-    made = plan(session, stages, [f"{experiment}/{stage}"], [experiment], keep=None)
-    return Results(made).result(experiment, stage, recording)
 
 
 @dataclass(frozen=True, slots=True)

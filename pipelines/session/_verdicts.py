@@ -24,17 +24,17 @@ from labpipe.judging import Finding
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.text import survey
 from labpipe.workflow.code import behind
-from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.document import parse
 from labpipe.workflow.fields import REFERENCE, every_setting
-from labpipe.workflow.graph import Stage, arguments
+from labpipe.workflow.graph import Stage, TaskId
 from labpipe.workflow.plan import READY
+from labpipe.workflow.provenance import context_of
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
-from pipelines.session._results import STAGES, opened
+from pipelines.session._results import opened
 from pipelines.session._session_checks import (
     SEVERAL,
     TWO_VALUES,
@@ -48,7 +48,7 @@ from pipelines.session._session_checks import (
 
 if TYPE_CHECKING:
     from labpipe.judging import Judgement
-    from labpipe.workflow.results import RunResult
+    from labpipe.workflow.results import Outcome, RunResult
 
 WAITING = "waiting"
 """State of an experiment whose settings are incomplete."""
@@ -132,9 +132,9 @@ def _documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:
 def verdicts_of(run: RunResult) -> Verdicts:
     """Return the verdicts on the experiments that a run has processed."""
     session = run.session
-    failures: dict[str, list[Failed]] = {outcome.experiment: [] for outcome in run.outcomes}
-    for o in run.failures:
-        failures[o.experiment].append(Failed(o.stage, o.recording, o.message, o.is_of_run, o.reason))
+    failures: dict[str, list[Outcome]] = {outcome.experiment: [] for outcome in run.outcomes}
+    for outcome in run.failures:
+        failures[outcome.experiment].append(outcome)
     known = stored_verdicts(opened(session.root) if run.plan is None else Results(run.plan), failures)
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
     return Verdicts(session.root, (*found, *waiting_verdicts(session).values()), tuple(unused_files(session)))
@@ -160,7 +160,7 @@ def waiting_verdicts(session: Session) -> dict[str, Verdict]:
 
 
 def stored_verdicts(
-    results: Results, failures: Mapping[str, Sequence[Failed]] = MappingProxyType({})
+    results: Results, failures: Mapping[str, Sequence[Outcome]] = MappingProxyType({})
 ) -> dict[str, Verdict]:
     """Return the verdicts of a session that are there and up to date, and those on experiments with ``failures``.
 
@@ -222,10 +222,9 @@ def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False)
     return _with_session(results, [_one(results, results.experiments[experiment], ())])[0]
 
 
-def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
+def _one(results: Results, experiment: Experiment, failed: Sequence[Outcome]) -> Verdict:
     """Return the verdict on an experiment by the results that there are."""
-    session, failed = results.plan.session, tuple(failures)
-    name, kind, state = experiment.name, experiment.kind, "failed" if failed else "done"
+    session, name, kind, state = results.plan.session, experiment.name, experiment.kind, "failed" if failed else "done"
     stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
     if stage is None:
         return Verdict(name, kind, state, "unknown", "none")
@@ -242,9 +241,9 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
     return _of_result(session, experiment, state, result)
 
 
-def _judged(results: Results, experiment: Experiment, stage: Stage, failed: tuple[Failed, ...], **more: Any) -> Any:
+def _judged(results: Results, experiment: Experiment, stage: Stage, failed: Sequence[Outcome], **more: Any) -> Any:
     """Judge an experiment anew by the results that there are; None takes the place of those that are not."""
-    session = results.plan.session
+    plan, session, name = results.plan, results.plan.session, TaskId(experiment.name, stage.name)
 
     def tolerant(slot: Any) -> Any:
         try:
@@ -252,15 +251,8 @@ def _judged(results: Results, experiment: Experiment, stage: Stage, failed: tupl
         except LabpipeError:
             return None
 
-    given = [a.arranged(tolerant) for a in arguments(session, STAGES, experiment, stage.inputs)]
-    stated = (session.title, session.operator, session.notes, session.synthetic)
-    store, warned = Store(session.folder), list[Warned]()
-    for row in (row for row in results.plan.rows if row.experiment == experiment.name):
-        value = results.plan.keys[row.task].value
-        record = None if value is None else store.record(value)
-        warnings = () if record is None else record.warnings
-        warned += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
-    context = Context(experiment.name, experiment.kind, *stated, warnings=tuple(warned), failures=failed)
+    given = [argument.arranged(tolerant) for argument in plan.tasks[name].arguments]
+    context = context_of(plan, Store(session.folder), name, failed)
     return function(stage.function)(*given, settings=experiment.settings, context=context, **more)
 
 

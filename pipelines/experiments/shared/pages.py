@@ -190,8 +190,7 @@ def _notices(context: Context) -> Iterator[Block]:
     if context.kept:
         text = "Results of earlier code were kept as they are; what follows from them may differ from what this "
         yield Notice("warning", f"{text}version of labpipe gives. `labpipe process` makes them again.")
-        alike = dict.fromkeys(f"{kept.stage}: {kept.reason}" for kept in context.kept)
-        yield Details("Results of earlier code", text="\n".join(alike))
+        yield Details("Results of earlier code", text="\n".join(": ".join(one) for one in context.kept.items()))
 
 
 def _problems(context: Context) -> Section:
