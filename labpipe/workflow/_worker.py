@@ -19,41 +19,13 @@ from labpipe.workflow.context import counts
 from labpipe.workflow.exclusions import EXCLUDE, concerning
 from labpipe.workflow.graph import Task, TaskId, lineage
 from labpipe.workflow.plan import CACHED, READY, Key, Plan, describe_file, page_name, state_of
+from labpipe.workflow.results import DONE, FAILED, SKIPPED, Outcome
 from labpipe.workflow.store import Caught, Last, Store, log
-
-DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
 _OURS = ("work", "provenance")
 """Attributes that belong to one result and must not travel into the next one made of it."""
 _FOR_PROGRAMMERS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
 """Warnings that say nothing about the data."""
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The end of one task: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``; written into the log.
-
-    ``key`` finds the result in the store. Where there is none ``message`` says why; ``exit_code``, ``error`` (the
-    class), ``reason`` and ``is_of_run`` are those of the error, ``details`` its place. ``seconds`` passed on the clock.
-    """
-
-    experiment: str
-    stage: str
-    recording: str | None
-    state: str
-    key: str | None = None
-    message: str = ""
-    exit_code: int = 0
-    error: str = ""
-    details: str = ""
-    seconds: float = 0.0
-    is_of_run: bool = False
-    reason: str = ""
-
-    @property
-    def task(self) -> TaskId:
-        """The task that ended."""
-        return TaskId(self.experiment, self.stage, self.recording)
 
 
 @dataclass(slots=True)

@@ -1,7 +1,6 @@
 """Where a result comes from: program, versions, parameters, raw files, and the run behind it; nothing of the clock."""
 
 import platform
-import shutil
 import subprocess
 from collections.abc import Iterable, Mapping
 from functools import cache
@@ -17,7 +16,7 @@ from labpipe.workflow.plan import Plan, code_changed
 from labpipe.workflow.store import Store, key_of
 
 if TYPE_CHECKING:
-    from labpipe.workflow._worker import Outcome
+    from labpipe.workflow.results import Outcome
 
 
 def program() -> dict[str, Any]:
@@ -33,11 +32,10 @@ def program() -> dict[str, Any]:
 @cache
 def git_state(folder: Path) -> str | None:
     """Return the commit that a folder is at, with ``+`` when files differ; None outside git."""
-    git = shutil.which("git")
-    if git is None or not any((parent / ".git").exists() for parent in folder.parents):
+    if not any((parent / ".git").exists() for parent in folder.parents):
         return None
-    command = [git, "-C", str(folder), "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
-    try:  # a repository on a share that does not answer must not stop a run
+    command = ["git", "-C", str(folder), "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
+    try:  # there may be no git, and a repository on a share that does not answer must not stop a run
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
     except (OSError, subprocess.SubprocessError):
         return None

@@ -302,7 +302,7 @@ def _rows(plan: Plan) -> dict[str, Any]:
             found.setdefault(column, (value, unit))
             if u is not None:
                 found.setdefault(f"u_{column}", (u, unit))
-        for row, dataset in ((row, results.up_to_date(row)) for row in rows):
+        for row, dataset in ((row, results.up_to_date(row.task)) for row in rows):
             if dataset is not None:
                 cells |= _calibration(dataset, cells, found)
                 numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]

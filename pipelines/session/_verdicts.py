@@ -179,7 +179,7 @@ def stored_verdicts(
     kept = {name: one for name, one in kept.items() if marks.get(name) == one[0]}
     for name in (name for name in session.experiments if name not in kept):
         failed = failures.get(name, ())
-        if name in judged and (result := results.up_to_date(judged[name])) is not None:
+        if name in judged and (result := results.up_to_date(judged[name].task)) is not None:
             made.append(_of_result(session, session.experiments[name], "done", result))
             lasting.add(name)
         elif name in failures:
@@ -243,16 +243,9 @@ def _one(results: Results, experiment: Experiment, failed: Sequence[Outcome]) ->
 
 def _judged(results: Results, experiment: Experiment, stage: Stage, failed: Sequence[Outcome], **more: Any) -> Any:
     """Judge an experiment anew by the results that there are; None takes the place of those that are not."""
-    plan, session, name = results.plan, results.plan.session, TaskId(experiment.name, stage.name)
-
-    def tolerant(slot: Any) -> Any:
-        try:
-            return session.files / slot if isinstance(slot, str) else results.result(*slot)
-        except LabpipeError:
-            return None
-
-    given = [argument.arranged(tolerant) for argument in plan.tasks[name].arguments]
-    context = context_of(plan, Store(session.folder), name, failed)
+    plan, name = results.plan, TaskId(experiment.name, stage.name)
+    given = results.values(plan.tasks[name].arguments, may_lack=True)
+    context = context_of(plan, Store(plan.session.folder), name, failed)
     return function(stage.function)(*given, settings=experiment.settings, context=context, **more)
 
 
@@ -317,7 +310,7 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
 
     stage = next(s for s in KINDS[experiment.kind].stages if s.name == JUDGEMENT)
     rows = [row for row in results.plan.rows if row.stage == _CURVE and row.experiment not in experiment.refers_to]
-    curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row)) is not None}
+    curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row.task)) is not None}
     result = results.first(experiment.name, JUDGEMENT)
     if curves and hasattr(function(stage.function), "inputs"):  # made by judging(), which takes others
         with contextlib.suppress(Exception):  # of foreign code: the suspects of the experiment itself remain
@@ -336,7 +329,8 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
 
 def _in_common(results: Results) -> dict[str, tuple[str]]:
     """Name to experiments that differ an experiment or a record that all of them name, and no other that agrees."""
-    judged = {r.experiment: one for r in results.plan.rows if r.stage == JUDGEMENT and (one := results.up_to_date(r))}
+    rows = (row for row in results.plan.rows if row.stage == JUDGEMENT)
+    judged = {row.experiment: one for row in rows if (one := results.up_to_date(row.task))}
     differ = {name for name, one in judged.items() if one.attrs["model"] == "differs"}
     users: dict[str, set[str]] = {}
     for name in (name for name, one in judged.items() if one.attrs["model"] in ("agrees", "differs")):
