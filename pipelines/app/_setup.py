@@ -279,6 +279,7 @@ def _fields(
 ) -> Iterator[Told]:
     for place, of, value, is_required in edits.values(kind, table, prefix):
         path = place[len(prefix) :]
+        words = (str(k + 1) if isinstance(k, int) else _SYMBOLS.get(k, k.replace("_", " ")) for k in path)
         if path in (("kind",), ("version",)):
             continue
         bare = split(of)[0]
@@ -294,7 +295,7 @@ def _fields(
             "file": file,
             "place": list(place),
             "dotted": counted(dotted(place)),
-            "label": _label(path),
+            "label": " ".join(word for word in words if word != "values"),
             "text": "" if value is None or is_gap(value) else _as_text(value),
             "files": value if is_files and isinstance(value, list) else None,
             "expected": f"one of {', '.join(library_names())}" if path[-1] == "material" else expected,
@@ -340,15 +341,6 @@ def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> b
     place = dotted((edits.EXPERIMENTS, name))
     inside, records = (f"{place}.", f"{place}["), [table.get(key) for key in _RECORD_FIELDS]
     return any(p["place"] == place or p["place"].startswith(inside) or p["file"] in records for p in problems)
-
-
-def _label(path: edits.Place) -> str:
-    words = (
-        f"{key + 1}" if isinstance(key, int) else _SYMBOLS.get(key, key.replace("_", " "))
-        for key in path
-        if key != "values"
-    )
-    return " ".join(words)
 
 
 def _as_text(value: Any) -> str:

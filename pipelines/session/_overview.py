@@ -100,7 +100,10 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         numbers = [key_numbers(results, name) for name in names]
         columns = []
         for title, unit in dict.fromkeys((title, one[title][2]) for one in numbers for title in one):
-            gaps = (_absent(results, name, title) for name in names)
+            # why there is none although the result is there; else the state says it
+            of_title = [number for number in experiments.KINDS[kind].key_numbers if number.title == title]
+            there = ([n.absent for n in of_title if results.first(name, n.stage) is not None] for name in names)
+            gaps = [next(iter(absent), None) for absent in there]
             found = [one.get(title, (gap, None, "")) for one, gap in zip(numbers, gaps, strict=True)]
             values, us, _ = zip(*found, strict=True)
             columns.append(Listed(title, values, unit, us if any(us) else None))
@@ -121,13 +124,6 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     about = f"{done} of {n} experiments done"
     about = f"recorded by {session.operator} · {about}" if session.operator else about
     return Document(session.title, about, "synthetic data" if session.synthetic else "", tuple(sections)).render()
-
-
-def _absent(results: Results, name: str, title: str) -> str | None:
-    """Return why an experiment has no key number although its result is there; else its state says it."""
-    kind = experiments.KINDS[results.experiments[name].kind]
-    numbers = (number for number in kind.key_numbers if number.title == title)
-    return next((one.absent for one in numbers if results.first(name, one.stage) is not None), None)
 
 
 def experiments_table(

@@ -284,9 +284,22 @@ def placed(session: Session, experiment: Experiment, finding: Finding) -> Findin
 
 def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
     """Add the findings of the session as a whole to the verdicts on its experiments, and its suspects."""
-    made, session = list(verdicts), results.plan.session
+    made, session, common, differ = list(verdicts), results.plan.session, "", set[str]()
     found = session_findings(session) if made else {}
-    common = _in_common(results) if any(one.model == "differs" for one in made) else {}
+    if any(one.model == "differs" for one in made):
+        # an experiment or a record that all that differ name, and no other that agrees
+        rows = (row for row in results.plan.rows if row.stage == JUDGEMENT)
+        found_by = ((row.experiment, results.up_to_date(row.task)) for row in rows)
+        model = {name: result.attrs["model"] for name, result in found_by if result is not None}
+        differ = {name for name, word in model.items() if word == "differs"}
+        users: dict[str, set[str]] = {}
+        for name in (name for name, word in model.items() if word in ("agrees", "differs")):
+            texts = (text for _, text, _ in every_setting(results.experiments[name].settings) if isinstance(text, str))
+            for text in (text for text in texts if text.startswith(REFERENCE) or "/" in text):
+                users.setdefault(text.removeprefix(REFERENCE), set()).add(name)
+        named = " or ".join(sorted(text for text, some in users.items() if some == differ))
+        if named and len(differ) >= SEVERAL:
+            common = f"all {len(differ)} experiments that name {named} differ and no other: it is probably wrong itself"
     for i, one in enumerate(made):
         experiment = session.experiments[one.experiment]
         more = [placed(session, experiment, f) for f in found.get(one.experiment, ())]
@@ -296,7 +309,8 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
         believable = "doubtful" if is_worse else one.believable
         suspects, findings = one.suspects, (*one.findings, *extra)
         if one.model == "differs":
-            suspects = (*common.get(one.experiment, ()), *_suspects(results, experiment, one))
+            is_of_all = common and one.experiment in differ
+            suspects = (*([common] if is_of_all else ()), *_suspects(results, experiment, one))
         made[i] = replace(one, believable=believable, findings=findings, suspects=suspects)
     return tuple(made)
 
@@ -325,20 +339,3 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
     unusual = unusual_values(results.plan.session, experiment.name)
     is_explained = result is None or result.attrs.get("is_explained", 1)  # one of earlier code may be kept
     return (*told, *unusual) if is_explained else (*unusual, *told)
-
-
-def _in_common(results: Results) -> dict[str, tuple[str]]:
-    """Name to experiments that differ an experiment or a record that all of them name, and no other that agrees."""
-    rows = (row for row in results.plan.rows if row.stage == JUDGEMENT)
-    judged = {row.experiment: one for row in rows if (one := results.up_to_date(row.task))}
-    differ = {name for name, one in judged.items() if one.attrs["model"] == "differs"}
-    users: dict[str, set[str]] = {}
-    for name in (name for name, one in judged.items() if one.attrs["model"] in ("agrees", "differs")):
-        texts = (text for _, text, _ in every_setting(results.experiments[name].settings) if isinstance(text, str))
-        for text in (text for text in texts if text.startswith(REFERENCE) or "/" in text):
-            users.setdefault(text.removeprefix(REFERENCE), set()).add(name)
-    common = sorted(text for text, some in users.items() if some == differ)
-    if len(differ) < SEVERAL or not common:
-        return {}
-    text = f"all {len(differ)} experiments that name {' or '.join(common)} differ and no other: it is probably wrong"
-    return dict.fromkeys(differ, (f"{text} itself",))
