@@ -13,9 +13,6 @@
 - :mod:`~labpipe.workflow.provenance`, :mod:`~labpipe.workflow.context`: the origin of a result, and the part of a run
   that a page receives
 
-Most of its length serves a laboratory's ``session.toml`` (variants, exclusions, a file of the laboratory, mistakes with
-their lines, values still to come), the reason of every row of a plan, and runs that survive kills and full disks.
-
 The names below are imported when they are first used, so that reading a configuration or making
 a plan loads nothing that it does not need. The function ``plan`` stays in its module, whose name
 it shares.

@@ -15,11 +15,10 @@ from labpipe.errors import MISSING, NO_INPUT, InputError, LabpipeError, SourceEr
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
-from labpipe.workflow.context import counts
+from labpipe.workflow.context import DONE, FAILED, SKIPPED, Outcome, counts
 from labpipe.workflow.exclusions import EXCLUDE, concerning
 from labpipe.workflow.graph import Task, TaskId, lineage
 from labpipe.workflow.plan import CACHED, READY, Key, Plan, describe_file, page_name, state_of
-from labpipe.workflow.results import DONE, FAILED, SKIPPED, Outcome
 from labpipe.workflow.store import Caught, Last, Store, log
 
 _OURS = ("work", "provenance")

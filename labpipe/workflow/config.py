@@ -206,8 +206,21 @@ class Checker:
                 raise InputError(f'there is no experiment "{name}"{near}')
             return fields.REFERENCE + name
         dimension, bounds = mark(kind, fields.Dimension), mark(kind, fields.Range)
-        if dimension is not None:
-            converted: Any = _quantity(kind, dimension.si, value)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if dimension is not None and is_number and dimension.si == "1":
+            converted: Any = Quantity(float(value), 0.0, "1")
+        elif dimension is not None:
+            why = " without a unit" if is_number else ""
+            try:
+                converted = quantity(value) if isinstance(value, str) else None
+            except InputError as error:
+                converted, why = None, f": {error}" if "," in value else ""
+            if converted is not None and converted.si != dimension.si:
+                why = f", which {'has no unit' if converted.si == '1' else f'is in {converted.si}'}"
+            elif converted is not None and not math.isfinite(converted.value + converted.u):
+                why = ", which is not finite"
+            if converted is None or why:
+                raise InputError(f"expected {describe(kind)}, found {found(value)}{why}")
         else:
             bare, _ = split(kind)
             known = typing.get_args(bare) if typing.get_origin(bare) is Literal else ()
@@ -244,20 +257,3 @@ class Checker:
                         text = f"{value}:{record.line(at)}: {at[-1]}: to be filled in"
                         self.document.problems[text] = self.document.line(place)
         return value
-
-
-def _quantity(kind: Any, si: str, value: Any) -> Quantity:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and si == "1":
-        return Quantity(float(value), 0.0, "1")
-    why = " without a unit" if is_number else ""
-    try:
-        parsed = quantity(value) if isinstance(value, str) else None
-    except InputError as error:
-        parsed, why = None, f": {error}" if "," in value else ""
-    if parsed is not None:
-        if parsed.si == si and math.isfinite(parsed.value) and math.isfinite(parsed.u):
-            return parsed
-        is_other = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
-        why = f", which {'is not finite' if parsed.si == si else is_other}"
-    raise InputError(f"expected {describe(kind)}, found {found(value)}{why}")

@@ -3,20 +3,18 @@
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labpipe.installation import __version__
 from labpipe.workflow.code import LIBRARIES, version
-from labpipe.workflow.context import Context, Failed, Warned, summarise
+from labpipe.workflow.context import Context, Outcome, Warned, summarise
 from labpipe.workflow.graph import TaskId, lineage
 from labpipe.workflow.plan import Plan, code_changed
 from labpipe.workflow.store import Store, key_of
-
-if TYPE_CHECKING:
-    from labpipe.workflow.results import Outcome
 
 
 def program() -> dict[str, Any]:
@@ -69,7 +67,7 @@ def of_task(about_program: Mapping[str, Any], plan: Plan, task: TaskId) -> dict[
 
 
 def context_of(
-    plan: Plan, store: Store, task: TaskId, failed: Iterable["Outcome"], about: Mapping[str, Any] = MappingProxyType({})
+    plan: Plan, store: Store, task: TaskId, failed: Iterable[Outcome], about: Mapping[str, Any] = MappingProxyType({})
 ) -> Context:
     """Return the context of a task, by the results behind it, those that ``failed``, and its origin."""
     keys, behind, own = plan.keys, lineage(plan.tasks, task)[:-1], plan.keys[task].ingredients
@@ -85,10 +83,8 @@ def context_of(
             for n, record in records.items()
             for w in record.warnings
         ),
-        failures=tuple(
-            Failed(n.seen_from(task), n.recording, one.message, one.is_of_run, one.reason)
-            for n, one in failures.items()
-        ),
+        # without what another run has otherwise
+        failures=tuple(replace(f, stage=n.seen_from(task), details="", seconds=0.0) for n, f in failures.items()),
         provenance=about,
         kept={n.seen_from(task): code_changed(keys[n].kept) for n in behind if keys[n].kept},
     )

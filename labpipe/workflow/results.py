@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
+from labpipe.workflow.context import FAILED, Outcome
 from labpipe.workflow.graph import Argument, TaskId
 from labpipe.workflow.plan import READY, Plan, wanted_tasks
 from labpipe.workflow.session import Experiment, Session
@@ -15,8 +16,6 @@ from labpipe.workflow.store import Store
 
 if TYPE_CHECKING:
     import xarray as xr
-
-DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,33 +72,6 @@ class Results:
         folder = self.plan.session.files
         result: Callable[[TaskId], Any] = self.up_to_date if may_lack else lambda task: self.result(*task)
         return [a.arranged(lambda slot: folder / slot if isinstance(slot, str) else result(slot)) for a in arguments]
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The end of one task: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``; written into the log.
-
-    ``key`` finds the result in the store. Where there is none ``message`` says why; ``exit_code``, ``error`` (the
-    class), ``reason`` and ``is_of_run`` are those of the error, ``details`` its place. ``seconds`` passed on the clock.
-    """
-
-    experiment: str
-    stage: str
-    recording: str | None
-    state: str
-    key: str | None = None
-    message: str = ""
-    exit_code: int = 0
-    error: str = ""
-    details: str = ""
-    seconds: float = 0.0
-    is_of_run: bool = False
-    reason: str = ""
-
-    @property
-    def task(self) -> TaskId:
-        """The task that ended."""
-        return TaskId(self.experiment, self.stage, self.recording)
 
 
 @dataclass(frozen=True, slots=True)

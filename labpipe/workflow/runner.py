@@ -13,10 +13,11 @@ from labpipe.errors import LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow._worker import Job
+from labpipe.workflow.context import DONE, FAILED, SKIPPED, Outcome
 from labpipe.workflow.engines import Crew, Died
 from labpipe.workflow.graph import Stages, TaskId, imports_of
 from labpipe.workflow.plan import Plan, page_name, plan
-from labpipe.workflow.results import DONE, FAILED, SKIPPED, Event, Outcome, RunResult
+from labpipe.workflow.results import Event, RunResult
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import LOG, Store, events_after, log
 

@@ -73,12 +73,11 @@ class Watcher:
         if self.looks < 1:
             raise InputError(f"a file needs at least 1 look to be at rest, found looks={self.looks}")
 
-    def look(self) -> Iterator[News]:
-        """Look once at every file; process complete experiments; yield only news."""
-        for news in self._look():
-            if self.told.get(news.experiment) != (news.state, news.text):
-                self.told[news.experiment] = (news.state, news.text)
-                yield news
+    def _news(self, experiment: str, state: str, text: str) -> Iterator[News]:
+        """Yield the state of an experiment where it is another one than at the last look."""
+        if self.told.get(experiment) != (state, text):
+            self.told[experiment] = (state, text)
+            yield News(experiment, state, text)
 
     @property
     def is_done(self) -> bool:
@@ -105,11 +104,12 @@ class Watcher:
         self.seen[path] = (stamp, count + 1 if stamp == before and stamp else 1)
         return stamp, bool(stamp) and self.seen[path][1] >= self.looks
 
-    def _look(self) -> Iterator[News]:
+    def look(self) -> Iterator[News]:
+        """Look once at every file; process complete experiments; yield only news."""
         path = self.folder / FILE_NAME
         stamp, is_at_rest = self._see(path)
         if not stamp:
-            yield News("", WAITING, f"there is no {FILE_NAME} in {self.folder} yet")
+            yield from self._news("", WAITING, f"there is no {FILE_NAME} in {self.folder} yet")
             return
         if not is_at_rest:
             return
@@ -121,11 +121,11 @@ class Watcher:
             session = self.session
             tasks = spell_out(session, self.stages)
         except LabpipeError as error:
-            yield News("", BROKEN, str(error))
+            yield from self._news("", BROKEN, str(error))
             return
         self.told.pop("", None)
         for name, lines in session.waiting.items():
-            yield News(name, WAITING, "; ".join(lines))
+            yield from self._news(name, WAITING, "; ".join(lines))
         needs: dict[str, list[Path]] = {}
         for name in dict.fromkeys(task.experiment for task in tasks):
             own = [task for task in tasks if task.experiment == name]
@@ -138,14 +138,14 @@ class Watcher:
                 continue
             those = {path: seen[path] for path in paths}
             if (obstacle := self._obstacle(session.experiments[name], session.files, those)) is not None:
-                yield News(name, *obstacle)
+                yield from self._news(name, *obstacle)
                 continue
             ready = {n: e for n, e in session.experiments.items() if set(needs[n]) <= set(paths)}
             outcome = self.run(replace(session, experiments=ready), name)
             self.finished[name] = stamps
             failures = [o for o in outcome.failures if o.experiment == name]
             text = "; ".join(f"{o.task}: {o.message}" for o in failures) or str(outcome.reports.get(name, "done"))
-            yield News(name, FAILED if failures else PROCESSED, text)
+            yield from self._news(name, FAILED if failures else PROCESSED, text)
 
     def _obstacle(
         self, experiment: Experiment, root: Path, seen: Mapping[Path, tuple[Stamp, bool]]

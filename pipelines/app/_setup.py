@@ -22,6 +22,7 @@ from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config
 from labpipe.workflow.document import counted, dotted, parse, texts_in
+from labpipe.workflow.exclusions import Note
 from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
@@ -30,7 +31,7 @@ from pipelines.app._edits import tree_of
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
-from pipelines.session import COLUMNS, SETTINGS, gap_for, in_unit, library_names, load, remedy, template_of
+from pipelines.session import COLUMNS, SETTINGS, gap_for, in_unit, library_names, load, remedy, template_of, with_note
 
 Told = dict[str, Any]
 _LONGEST = 2000  # characters of a value
@@ -144,10 +145,8 @@ def _restructure(folder: Path, texts: dict[str, str], edit: Any) -> None:
     elif op == "add":
         text = edits.add(text, name, str(edit["key"]), [str(file) for file in edit["names"]])
     elif op == "note":
-        notes = [*tree_of(text)[edits.EXPERIMENTS][name].get("notes", [])]
         said = {key: _one_line(key, edit[key]) for key in ("who", "text")}
-        notes.append({"on": datetime.now().astimezone().date(), **said})
-        text = edits.set_value(text, (edits.EXPERIMENTS, name, "notes"), notes)
+        text = with_note(text, name, Note(on=datetime.now().astimezone().date(), **said))
     elif op == "kind":
         text = _of_kind(texts, name, str(edit["to"]))
     else:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, log
 from pathlib import Path
@@ -51,13 +51,14 @@ _Owned = Iterator[tuple[str, "Finding"]]
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A file that an experiment names: the setting, the name as written, and the file."""
+    """A file that an experiment names: the setting, the name as written, the file, and the line of session.toml."""
 
     experiment: str
     kind: str
     setting: str
     name: str
     path: Path
+    line: int | None
 
 
 def session_findings(session: Session) -> dict[str, list[Finding]]:
@@ -73,21 +74,10 @@ def session_findings(session: Session) -> dict[str, list[Finding]]:
 def named_files(session: Session) -> list[Named]:
     """Return every file and folder that the settings name, in the order of the session."""
     return [
-        Named(e.name, e.kind, setting, name, session.files / name)
+        Named(e.name, e.kind, at, name, session.files / name, e.lines.get(at, e.lines.get(_field(at))))
         for e in session.experiments.values()
-        for setting, name in files_of(e.settings)
+        for at, name in files_of(e.settings)
     ]
-
-
-def named_at(session: Session) -> Mapping[str, int]:
-    """Return the line of session.toml that names each file, by the name as it is written."""
-    found: dict[str, int] = {}
-    for named in named_files(session):
-        lines = session.experiments[named.experiment].lines
-        line = lines.get(named.setting, lines.get(_field(named.setting)))
-        if line is not None:
-            found.setdefault(named.name, line)
-    return found
 
 
 def stated_as_exact(session: Session) -> dict[str, list[str]]:

@@ -42,7 +42,7 @@ from pipelines.session._catalogue import CHECKS, KEYS, PAGE as CATALOGUE_PAGE, T
 if TYPE_CHECKING:
     from labpipe.arrays import Floats
 
-RARE = 0.0027
+RARE = math.erfc(3.0 / math.sqrt(2.0))
 """Probability of a value beyond three standard deviations, as the limits of a control chart have it."""
 GROUPS = {"record": "calibration record", "operator": "operator", "specimen": "specimen"}
 _OTHER_TEMPERATURE = 10.0
@@ -263,7 +263,7 @@ _METHOD = (
     "line: mean of all sessions. Band: three standard deviations of the individuals, estimated from the mean moving "
     "range of successive sessions (MR × √π / 2), which a slow drift does not widen. Outer lines: three times the "
     "stated standard uncertainty (root mean square). A drift is a least-squares slope whose probability by chance, "
-    f"over all charts together, is below {RARE:g}. Groups are compared by analysis of variance. Ratios are those of "
+    f"over all charts together, is below {RARE:.2g}. Groups are compared by analysis of variance. Ratios are those of "
     "the checks, observed over expected, by the sensor that observed them. (D. C. Montgomery, Introduction to "
     "Statistical Quality Control, chapter 6.)"
 )

@@ -38,7 +38,6 @@ from pipelines.session._results import opened
 from pipelines.session._session_checks import (
     SEVERAL,
     TWO_VALUES,
-    named_at,
     named_files,
     of_record,
     session_findings,
@@ -48,7 +47,8 @@ from pipelines.session._session_checks import (
 
 if TYPE_CHECKING:
     from labpipe.judging import Judgement
-    from labpipe.workflow.results import Outcome, RunResult
+    from labpipe.workflow.context import Outcome
+    from labpipe.workflow.results import RunResult
 
 WAITING = "waiting"
 """State of an experiment whose settings are incomplete."""
@@ -272,8 +272,8 @@ def placed(session: Session, experiment: Experiment, finding: Finding) -> Findin
         with contextlib.suppress(LabpipeError, KeyError):
             line = parse(session.path(finding.file)).line(tuple(finding.setting.split(".")))
     if line is None:
-        named = named_at(session).get(finding.file)
-        return finding if named is None else replace(finding, value=f"named in {FILE_NAME}:{named}")
+        at = next((one.line for one in named_files(session) if one.line and one.name == finding.file), None)
+        return finding if at is None else replace(finding, value=f"named in {FILE_NAME}:{at}")
     text, path, encoding = "", session.path(finding.file), "utf-8"
     with contextlib.suppress(LabpipeError):
         encoding = survey(path).encoding

@@ -196,7 +196,7 @@ def _notices(context: Context) -> Iterator[Block]:
 def _problems(context: Context) -> Section:
     """Name every error and warning of the steps, so that a missing section is explained; also that there are none."""
     own = [f for f in context.failures if not f.is_consequence]
-    blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
+    blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.message}") for f in own]
     if missing := ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence)):
         blocks.append(Notice("info" if own else "error", f"Not made without what failed before: {missing}."))
     alike: dict[str, list[Warned]] = {}
