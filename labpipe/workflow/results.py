@@ -25,11 +25,6 @@ class Results:
     plan: Plan
 
     @property
-    def folder(self) -> Path:
-        """The session's folder."""
-        return self.plan.session.root
-
-    @property
     def experiments(self) -> Mapping[str, Experiment]:
         """The session's experiments by name."""
         return self.plan.session.experiments
