@@ -254,7 +254,10 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
             own = set(kind.proposal.contents) if kind.proposal else set()
             able = [k for k in KINDS.values() if k is kind or (k.proposal and own & set(k.proposal.contents))]
             told["kinds"] = [[each.name, each.title] for each in able]
-        waits = name in waiting or _has_problem(name, table if isinstance(table, dict) else {}, problems)
+        # something is wrong or missing in it, or in a record that it names
+        at, named = dotted(place), [table.get(key) for key in _RECORD_FIELDS] if isinstance(table, dict) else []
+        own_problems = (p for p in problems if re.match(rf"{re.escape(at)}($|[.[])", p["place"]) or p["file"] in named)
+        waits = name in waiting or any(own_problems)
         experiments.append(told | {"waits": waits})
     shown: list[Told] = []
     for name, record in records.items():
@@ -333,13 +336,6 @@ def _suggestions(
     polymer = material_word(name)
     own = [other for other in fits if polymer is not None and material_word(other) == polymer]
     return own or fits
-
-
-def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> bool:
-    """Return whether something is wrong or missing in an experiment, or in a record that it names."""
-    place = dotted((edits.EXPERIMENTS, name))
-    inside, records = (f"{place}.", f"{place}["), [table.get(key) for key in _RECORD_FIELDS]
-    return any(p["place"] == place or p["place"].startswith(inside) or p["file"] in records for p in problems)
 
 
 def _as_text(value: Any) -> str:

@@ -291,15 +291,14 @@ def trend_page(found: Trend, opened: Opened) -> str:
         own = [_drawn(c) for c in charts if (c.is_ratio, c.owner) == (is_ratio, owner) and c is not worst]
         sections += [Section(f"{owner}: observed over expected" if is_ratio else owner, own)] if own else []
     of_groups = sorted(((c, by, *c.groups[by]) for c in charts for by in c.groups), key=lambda row: row[2])
-    notices = [Notice("ok", "No quantity differs between calibration records, operators or specimens.")]
-    if differing := [row for row in of_groups if row[2] < RARE / len(of_groups)]:
-        notices = []
-    for c, by, p, means in differing:
+    notices = list[Block]()
+    for c, by, p, means in (row for row in of_groups if row[2] < RARE / len(of_groups)):
         ends = {"lowest": min(means, key=means.__getitem__), "highest": max(means, key=means.__getitem__)}
         shown = [f"{word} {n or 'not stated'} ({quantity(means[n], c.unit, 5)})" for word, n in ends.items()]
         text = f"{c.owner}, {c.title}: differs by {GROUPS[by]}, {', '.join(shown)}, {chance(p)}."
         notices.append(Notice("warning", text))
-    sections.append(Section("By calibration record, operator and specimen", notices))
+    alike = Notice("ok", "No quantity differs between calibration records, operators or specimens.")
+    sections.append(Section("By calibration record, operator and specimen", notices or [alike]))
     sections.append(Section("Method", [Paragraph(_METHOD, copyable=True)]))
     days = sorted({day for c in charts for day in c.points["day"]})
     badge = SYNTHETIC if opened.select("sessions", "NOT coalesce(synthetic, 0)").empty else ""
