@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import stat
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -43,7 +44,7 @@ def added() -> tuple[Plugin[Instrument], ...]:
 
     entries = entry_points(group="labpipe.instruments")
     found = tuple(
-        plugin.left_out(f'its content is "{plugin.found.content}"; known are {", ".join(CONTENTS)}')
+        replace(plugin, found=None, problem=f'its content is "{plugin.found.content}"; known are {", ".join(CONTENTS)}')
         if plugin.found is not None and plugin.found.content not in CONTENTS
         else plugin
         for plugin in survey(entries, Instrument, [each.name for each in OURS])
@@ -96,7 +97,7 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
         except Exception as error:  # somebody else's code may raise anything; it is reported once
             if plugin.name not in _FAILED:
                 _FAILED.add(plugin.name)
-                tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
+                tell([replace(plugin, problem=f"its sniff raised {type(error).__name__}: {error}")])
     raise _unknown(path, head)
 
 

@@ -9,15 +9,11 @@ session, or ``lp.open`` it in a local page; look at it with ``lp.open_session``,
 at many with ``lp.catalogue`` and ``lp.trend``; archive it with ``lp.publish``, ``lp.verify`` and ``lp.cite``; make a
 synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
 
-Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
-:mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; next to them
-:mod:`labpipe.workflow`, :mod:`labpipe.judging` and :mod:`labpipe.report`, which know none of the
-physics. They know no instrument, no calibration and no experiment; this file alone names the
-packages above, and loads each when a name of it is first used. Importing labpipe imports none of
-the numerical libraries.
-
-The modules beside this file hold what all packages share. More than half of their lines keep results whole (atomic
-writes, locks, checksums) and read texts of instruments in any codec and decimal sign, with line and column of an error.
+Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`, :mod:`labpipe.contact`,
+:mod:`labpipe.imaging`, :mod:`labpipe.identification`; next to them :mod:`labpipe.workflow`, :mod:`labpipe.judging` and
+:mod:`labpipe.report`, which know none of the physics. They know no instrument, no calibration and no experiment; this
+file alone names the packages above, and loads each when a name of it is first used. Importing labpipe imports none of
+the numerical libraries. The modules beside this file hold what all packages share.
 """
 
 import sys

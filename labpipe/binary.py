@@ -15,8 +15,7 @@ class Window:
     """A memory-mapped file from which nothing beyond its end can be read.
 
     Going through a large file does not fill the memory: pages that were read (:meth:`note_use`) are given back to the
-    system after ``kept`` bytes; what is read again soon should still be there. Raises SourceError where the file is
-    missing, unreadable or empty.
+    system after ``kept`` bytes. ``size`` is in bytes. SourceError: the file is missing, unreadable or empty.
     """
 
     def __init__(self, path: Path, kept: int = 1 << 26) -> None:
@@ -30,11 +29,7 @@ class Window:
         except OSError as error:
             raise SourceError(path, f"cannot be opened: {error.strerror}") from None
         self.bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
-
-    @property
-    def size(self) -> int:
-        """Length of the file in bytes."""
-        return int(self.bytes.size)
+        self.size = int(self.bytes.size)
 
     def note_use(self, length: int) -> None:
         """Count bytes that were looked at; of many give the pages back, after which arrays made of them stay valid."""
@@ -50,17 +45,11 @@ class Window:
 
     def take(self, offset: int, length: int, what: str) -> bytes:
         """Read ``length`` bytes or say which field the file does not hold."""
-        self.require(offset, length, what)
-        return bytes(self.bytes[offset : offset + length])
+        return self.array("u1", offset, length, what).tobytes()
 
     def array(self, kind: str, offset: int, count: int, what: str) -> NDArray[np.generic]:
         """Map ``count`` little-endian numbers of a numpy type without copying them."""
         length = np.dtype(kind).itemsize * count
-        self.require(offset, length, what)
-        return self.bytes[offset : offset + length].view(kind)
-
-    def require(self, offset: int, length: int, what: str) -> None:
-        """Refuse a field that begins or ends outside the file, by SourceError."""
         if offset < 0 or length < 0 or offset + length > self.size:
             raise SourceError(
                 self.path,
@@ -68,3 +57,4 @@ class Window:
                 offset=max(0, min(offset, self.size)),
                 hint="The file is truncated or damaged; copy it again from the camera.",
             )
+        return self.bytes[offset : offset + length].view(kind)

@@ -1,8 +1,7 @@
 """Decorators for compiled kernels, by public options of numba, and the folder that keeps their machine code.
 
 By itself numba compares the file of a kernel alone, not those of the kernels and constants that its code holds. So
-the folder belongs to the present source of all kernels. It is in ``NUMBA_CACHE_DIR`` where that is stated,
-otherwise in the user's folder for caches; where nothing can be written, or the disk is full, in a temporary one.
+the folder belongs to the present source of all kernels; it is in ``NUMBA_CACHE_DIR``, by default the user's caches.
 """
 
 import atexit

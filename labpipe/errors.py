@@ -11,10 +11,8 @@ from typing import Self
 EXCHANGED, IN_MOTION, MARKER, TWO_CLOCKS = "width and height", "in motion", "marker", "two clocks"
 UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
 UNREADABLE, UNSAID, NO_INPUT, MISSING = "unreadable", "left unsaid", "no input", "missing"
-"""Reasons: width and height exchanged; a record that begins in motion; a marker in place of a reading; flights of two
-accelerations; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole
-one; a file that contradicts its format in another way, or that does not state a value needed to read it; a step before
-that gave no result; a file that is not there."""
+"""Reasons, in this order; a marker stands in place of a reading, two clocks are flights of two accelerations; an
+unreadable file contradicts its format in another way, and one that left a value unsaid cannot be read without it."""
 
 
 class LabpipeError(Exception):

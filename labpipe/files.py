@@ -31,21 +31,16 @@ PART_SUFFIX = ".part"
 """Ending of a file that is still being written; such a file is never read."""
 
 
-def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+def write_bytes(path: str | os.PathLike[str], data: bytes | Iterable[bytes], size: int = 0) -> None:
     """Write a file, and missing folders, so that it exists complete or not at all.
 
-    Raises StorageError: there is no space, or no permission; the message holds the bytes needed. An older file of that
-    name is left as it was.
+    One too large to hold in memory is given in pieces, which have ``size`` bytes together. Raises StorageError: there
+    is no space, or no permission; the message holds the bytes needed. An older file of that name is left as it was.
     """
-    write_chunks(path, len(data), [data])
-
-
-def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes]) -> None:
-    """Write a file too large to hold in memory, of ``size`` bytes, piece by piece; see :func:`write_bytes`."""
-    total = hashlib.sha256()
-    with _part(Path(path), size) as part:
+    pieces, total = [data] if isinstance(data, bytes) else data, hashlib.sha256()
+    with _part(Path(path), len(data) if isinstance(data, bytes) else size) as part:
         with part.open("xb") as stream:
-            for chunk in chunks:
+            for chunk in pieces:
                 total.update(chunk)
                 stream.write(chunk)
         if digest(part) != total.hexdigest():
@@ -88,8 +83,7 @@ def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
         raise SourceError(source, "there is no such file")
     try:
         return netcdf.decode(source.read_bytes())
-    # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
-    except Exception as error:
+    except Exception as error:  # the libraries answer damage with anything
         raise StoreError(f"{source}: damaged: {error}; delete it and run again") from error
 
 
@@ -132,7 +126,7 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
                 flushed = time.monotonic()
 
     try:
-        _acquire(stream.fileno(), shared=False, wait=False)
+        _acquire(stream.fileno(), wait=False)
         yield append
     finally:
         # What a full disk did not take was told by ``append``; closing would try it once more.
@@ -140,14 +134,15 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
             stream.close()
 
 
-def digest(path: str | os.PathLike[str]) -> str:
+def digest(path: str | os.PathLike[str], of_file: "Callable[[Path], str] | None" = None) -> str:
     """Return the SHA-256 of a file's content in hexadecimal; of a folder that of the names and digests of its files.
 
-    Raises SourceError: the file cannot be read.
+    Those are by ``of_file``, by default this function. Raises SourceError: the file cannot be read.
     """
     source = Path(path)
     if source.is_dir():
-        return folder_digest(source, digest)
+        lines = (f"{(of_file or digest)(f)}  {f.relative_to(source).as_posix()}\n" for f in files_below(source))
+        return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()
     try:
         with source.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -158,12 +153,6 @@ def digest(path: str | os.PathLike[str]) -> str:
 def files_below(folder: Path) -> list[Path]:
     """All files in a folder and its sub-folders, in the order of their names."""
     return sorted(item for item in folder.rglob("*") if item.is_file())
-
-
-def folder_digest(folder: Path, of_file: Callable[[Path], str]) -> str:
-    """Return the digest of a folder, of its files by ``of_file``; see :func:`digest`."""
-    lines = (f"{of_file(f)}  {f.relative_to(folder).as_posix()}\n" for f in files_below(folder))
-    return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def free_bytes(path: str | os.PathLike[str]) -> int:
@@ -186,7 +175,7 @@ def _part(path: Path, needed: int) -> Iterator[Path]:
     part = path.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
     try:
         with _writing(path, needed):
-            _remove_orphans(path.parent)
+            remove_orphans(path.parent)
             yield part
             _flush(part)
             part.replace(path)
@@ -206,21 +195,18 @@ def _machine() -> str:
     return hashlib.sha256(name.encode()).hexdigest()[:8]
 
 
-def _remove_orphans(folder: Path) -> None:
-    """Remove half-written files of killed processes of this machine from a folder."""
+def remove_orphans(folder: Path, *, is_deep: bool = False) -> None:
+    """Remove half-written files of killed processes of this machine from a folder, and perhaps from all below it."""
     if os.name == "nt":  # where asking for a process would end it
         return
     head = f".{_machine()}-"
     with contextlib.suppress(OSError):
-        for name in os.listdir(folder):  # noqa: PTH208  # names alone, of folders with many files
-            process = name.removeprefix(head).partition("-")[0]
-            if not (name.startswith(head) and name.endswith(PART_SUFFIX) and process.isdigit()):
-                continue
+        for part in (folder.rglob if is_deep else folder.glob)(f"{head}*{PART_SUFFIX}"):
             try:
-                os.kill(int(process), 0)
+                os.kill(int(part.name.removeprefix(head).partition("-")[0]), 0)
             except ProcessLookupError:
-                (folder / name).unlink(missing_ok=True)
-            except (OSError, OverflowError):  # somebody else's, or no number of a process at all
+                part.unlink(missing_ok=True)
+            except (OSError, OverflowError, ValueError):  # somebody else's, or no number of a process at all
                 continue
 
 
@@ -270,17 +256,17 @@ def _writing(path: Path, needed: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def lock(path: str | os.PathLike[str], *, shared: bool = False, wait: bool = True) -> Iterator[bool]:
+def lock(path: str | os.PathLike[str], *, wait: bool = True) -> Iterator[bool]:
     """Hold a lock of the operating system on a file while the block runs; it ends with its process.
 
-    The file is made when missing, stays, and means nothing. A ``shared`` lock lets other shared holders in. Yields
-    whether it is held; always true with ``wait``. Raises StorageError where the file cannot be made.
+    The file is made when missing, stays, and means nothing. Yields whether it is held; always true with ``wait``.
+    Raises StorageError where the file cannot be made.
     """
     target = Path(path)
     with _writing(target, 0):
         handle = os.open(target, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        yield _acquire(handle, shared, wait)
+        yield _acquire(handle, wait)
     finally:
         os.close(handle)
 
@@ -288,10 +274,7 @@ def lock(path: str | os.PathLike[str], *, shared: bool = False, wait: bool = Tru
 if sys.platform == "win32":
     import msvcrt
 
-    def _acquire(handle: int, shared: bool, wait: bool) -> bool:
-        # Windows has no shared lock on a descriptor, and refuses to delete a file in use anyway.
-        if shared:
-            return True
+    def _acquire(handle: int, wait: bool) -> bool:
         while True:
             try:
                 msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
@@ -305,10 +288,9 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    def _acquire(handle: int, shared: bool, wait: bool) -> bool:
-        mode = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+    def _acquire(handle: int, wait: bool) -> bool:
         try:
-            fcntl.flock(handle, mode if wait else mode | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
             return False
         return True
@@ -352,13 +334,13 @@ class HashIndex:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
         self._known: dict[str, list[Any]] | None = None  # read when it is first asked for
-        self._fresh: dict[str, list[Any]] = {}
+        self._is_changed = False
 
     def digest(self, path: str | os.PathLike[str]) -> str:
         """Return the SHA-256 of a file or folder; see :func:`labpipe.digest`."""
         source = Path(path).absolute()
         if source.is_dir():
-            return folder_digest(source, self.digest)
+            return digest(source, self.digest)
         name = relative(source, self._path.absolute().parent)
         try:
             status = source.stat()
@@ -366,24 +348,22 @@ class HashIndex:
             raise SourceError(source, f"cannot be read: {error.strerror}") from error
         stamp = [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
         self._known = self._load() if self._known is None else self._known
-        known = self._fresh.get(name) or self._known.get(name) or [None]
-        if known[:-1] == stamp:
+        if (known := self._known.get(name, [None]))[:-1] == stamp:
             return str(known[-1])
         found = digest(source)
         # within two seconds a file may change again without another stamp
         if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) > 2_000_000_000:
-            self._fresh[name] = [*stamp, found]
+            self._known[name], self._is_changed = [*stamp, found], True
         return found
 
     def save(self) -> None:
         """Keep new digests; entries that another process added meanwhile are kept too."""
-        if not self._fresh:
-            return
         # The index only saves time: where it cannot be kept, the next call reads again.
-        with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
-            self._known = self._load() | self._fresh
-            write_bytes(self._path, seal(self._known))
-            self._fresh = {}
+        if self._known is not None and self._is_changed:
+            with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
+                self._known = self._load() | self._known
+                write_bytes(self._path, seal(self._known))
+                self._is_changed = False
 
     def _load(self) -> dict[str, list[Any]]:
         try:
@@ -416,7 +396,17 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
     """
     base = Path(root).resolve()
     joined = base / name
-    problem = name_problem(name) or _link_problem(joined, base)
+    if (problem := name_problem(name)) is None:
+        try:
+            joined.stat()
+        except FileNotFoundError:
+            problem = "a symbolic link leads nowhere" if joined.is_symlink() else None
+        except (PermissionError, NotADirectoryError):
+            pass  # for the reader of the file to say
+        except OSError:
+            problem = "a symbolic link on the way leads in a circle, or the path is too long"
+        if problem is None and not joined.resolve().is_relative_to(base):
+            problem = "a symbolic link leads out of the folder"
     if problem is not None:
         shown = printable(name if len(name) <= _LONGEST_NAME else name[:60] + "…")
         raise InputError(f'"{shown}" is not a path inside the session folder: {problem}')
@@ -445,20 +435,6 @@ def name_problem(name: str) -> str | None:
             (is_long, f"a part of it is longer than {_LONGEST_NAME} bytes"),
         ]
     return next((text for is_so, text in faults if is_so), None)
-
-
-def _link_problem(joined: Path, base: Path) -> str | None:
-    """Say where links lead that must not be followed."""
-    try:
-        joined.stat()
-    except FileNotFoundError:
-        if joined.is_symlink():
-            return "a symbolic link leads nowhere"
-    except (PermissionError, NotADirectoryError):
-        pass  # for the reader of the file to say
-    except OSError:
-        return "a symbolic link on the way leads in a circle, or the path is too long"
-    return None if joined.resolve().is_relative_to(base) else "a symbolic link leads out of the folder"
 
 
 def relative(path: str | os.PathLike[str], start: str | os.PathLike[str]) -> str:

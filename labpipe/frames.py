@@ -1,6 +1,6 @@
 """Film interface: the contract between camera readers and imaging functions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sized
 from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -21,11 +21,10 @@ class SmoothedFilmWarning(SourceWarning):
 
 
 @runtime_checkable
-class FrameSource(Protocol):
+class FrameSource(Sized, Iterable[NDArray[np.integer]], Protocol):
     """A lazy sequence of grey images; nothing is decoded before it is asked for.
 
-    ``source[i]`` is a (row, column) array with the first row at the top, in the camera's own
-    integer type, linear in light.
+    ``source[i]`` is a (row, column) array with the first row at the top, in the camera's integer type, linear in light.
     """
 
     @property
@@ -48,14 +47,8 @@ class FrameSource(Protocol):
     def levels(self) -> tuple[float, float]:
         """Black and white level in the units of the pixels."""
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame; negative indices count from the end, IndexError beyond."""
-
-    def __iter__(self) -> Iterator[NDArray[np.integer]]:
-        """Go through the frames in order."""
 
     def roi(self, rows: slice, columns: slice) -> "FrameSource":
         """Return a view of a rectangle; rows outside are not read."""
@@ -65,13 +58,10 @@ class ShownFrames:
     """Length, iteration and representation of a film of any kind; nothing is decoded for the latter."""
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return cast("FrameSource", self).shape[0]
 
     def __iter__(self) -> Iterator[NDArray[np.integer]]:
-        """Go through the frames in order."""
-        film = cast("FrameSource", self)
-        return (film[i] for i in range(len(film)))
+        return map(cast("FrameSource", self).__getitem__, range(len(self)))
 
     def __repr__(self) -> str:
         film = cast("FrameSource", self)

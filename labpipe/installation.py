@@ -36,34 +36,28 @@ def foreign_package(names: Iterable[str]) -> str | None:
 def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for a package, which imports the module of a name on its first use (PEP 562).
 
-    Public names of the package, its ``__all__``, are those that it imports under ``if TYPE_CHECKING:``, by whole names
-    of modules and perhaps renamed by an assignment, and those that it imports at once as themselves or defines, but for
-    the mark of the build. ``above`` are packages of the same distribution that a name may come from: another
-    distribution may have replaced them, which raises InstallationError before any of them is imported.
+    Public names of the package, its ``__all__``, are those that it imports under ``if TYPE_CHECKING:``, perhaps renamed
+    by an assignment, and those that it imports at once as themselves or defines. ``above`` are packages of the same
+    distribution: where another one has replaced them, InstallationError is raised before any of them is imported.
     """
     homes: dict[str, tuple[str, str]] = {}
-    at_once: set[str] = set()
-    unchecked = set(above)
-
-    def read_face() -> None:
-        loader: Any = sys.modules[package].__loader__
-        for statement in ast.parse(loader.get_source(package)).body:
-            if isinstance(statement, ast.If) and ast.unparse(statement.test) == "TYPE_CHECKING":
-                for part in statement.body:
-                    if isinstance(part, ast.ImportFrom) and part.module:
-                        homes.update({name.asname or name.name: (part.module, name.name) for name in part.names})
-                    elif isinstance(part, ast.Assign):
-                        homes[ast.unparse(part.targets[0])] = homes.pop(ast.unparse(part.value))
-            elif isinstance(statement, ast.ImportFrom):
-                at_once.update(name.name for name in statement.names if name.asname == name.name)
-            elif isinstance(statement, ast.FunctionDef | ast.ClassDef):
-                at_once.add(statement.name)
-            elif isinstance(statement, ast.Assign):
-                at_once.update(target.id for target in statement.targets if isinstance(target, ast.Name))
+    at_once, unchecked = set[str](), set(above)
+    loader: Any = sys.modules[package].__loader__
+    for statement in ast.parse(loader.get_source(package)).body:
+        if isinstance(statement, ast.If) and ast.unparse(statement.test) == "TYPE_CHECKING":
+            for part in statement.body:
+                if isinstance(part, ast.ImportFrom) and part.module:
+                    homes.update({name.asname or name.name: (part.module, name.name) for name in part.names})
+                elif isinstance(part, ast.Assign):
+                    homes[ast.unparse(part.targets[0])] = homes.pop(ast.unparse(part.value))
+        elif isinstance(statement, ast.ImportFrom):
+            at_once.update(name.name for name in statement.names if name.asname == name.name)
+        elif isinstance(statement, ast.FunctionDef | ast.ClassDef):
+            at_once.add(statement.name)
+        elif isinstance(statement, ast.Assign):
+            at_once.update(target.id for target in statement.targets if isinstance(target, ast.Name))
 
     def load(name: str) -> Any:
-        if not homes:
-            read_face()
         if name == "__all__":
             return sorted({*homes, *(own for own in at_once if not own.startswith("_") and own != "BUILD")})
         if name not in homes:

@@ -1,9 +1,8 @@
 """Datasets as netCDF-4: types that can be stored, and the checks on writing and reading.
 
-Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables
-do not, and a single wrong bit in those can crash the HDF5 library. So the file ends with a mark and
-the SHA-256 of all bytes before it, which is compared before the library sees the file. HDF5 leaves
-bytes behind its end of data alone, and every netCDF program reads the file.
+Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables do not, and a
+single wrong bit in those can crash the HDF5 library. So the file ends with a mark and the SHA-256 of all bytes before
+it, compared before the library sees the file; HDF5 and every netCDF program pass over bytes behind the end of data.
 """
 
 import hashlib
@@ -33,47 +32,42 @@ def prepare(dataset: xr.Dataset) -> xr.Dataset:
     for name in {**clean.variables, **clean.sizes}:
         if not isinstance(name, str) or not name or "/" in name:
             raise InputError(f"the name of a variable or dimension must be text without a slash, found {name!r}")
-    for key, variable in clean.variables.items():
-        name = str(key)
-        variables[name] = xr.Variable(variable.dims, _storable(name, variable.values), _attributes(variable.attrs))
-    coordinates = {name: variables.pop(str(name)) for name in clean.coords}
+    for name, variable in clean.variables.items():
+        values = variable.values
+        kind = values.dtype.kind
+        if kind in "OUT" and all(isinstance(item, str) for item in values.ravel().tolist()):
+            values = np.array([_text(item) for item in values.ravel().tolist()], dtype=str).reshape(values.shape)
+        elif kind not in "fiub" or values.dtype.itemsize > 8 or values.dtype == np.float16:
+            found = "Python objects" if kind == "O" else f"values of type {values.dtype}"
+            raise InputError(
+                f'variable "{name}" holds {found}; store float32, float64, integers, booleans or text '
+                "(times as numbers in s, complex numbers as two)"
+            )
+        else:
+            values = values.astype(values.dtype.newbyteorder("="), copy=False)
+        variables[name] = xr.Variable(variable.dims, values, _attributes(variable.attrs))
+    coordinates = {name: variables.pop(name) for name in clean.coords}
     return xr.Dataset(variables, coordinates, _attributes(clean.attrs))
 
 
-def _storable(name: str, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    kind = values.dtype.kind
-    if kind in "OUT" and all(isinstance(item, str) for item in values.ravel().tolist()):
-        return np.array([_text(item) for item in values.ravel().tolist()], dtype=str).reshape(values.shape)
-    if kind not in "fiub" or values.dtype.itemsize > 8 or values.dtype == np.float16:
-        found = "Python objects" if kind == "O" else f"values of type {values.dtype}"
-        raise InputError(
-            f'variable "{name}" holds {found}; store float32, float64, integers, booleans or text '
-            "(times as numbers in s, complex numbers as two)"
-        )
-    return values.astype(values.dtype.newbyteorder("="), copy=False)
-
-
-def _attributes(attributes: Any) -> dict[str, Any]:
-    return {str(name): _attribute(str(name), value) for name, value in attributes.items()}
-
-
-def _attribute(name: str, value: Any) -> Any:
-    if isinstance(value, str):
-        return _text(str(value))
-    if isinstance(value, np.ndarray):
-        if value.ndim == 1 and value.size > 1 and value.dtype.kind in "iuf":
-            return value  # flags have the type of their variable
-        value = value.tolist()
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
-        return value
-    if isinstance(value, list | tuple) and len(value) > 1 and {*map(type, value)} in ({int}, {float}):
-        return np.asarray(value)  # a mixture would come back changed
-    try:
-        return json.dumps(value, ensure_ascii=False, sort_keys=True)
-    except (TypeError, ValueError):
-        raise InputError(f'attribute "{name}" holds {type(value).__name__}, which cannot be stored') from None
+def _attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return attributes as netCDF gives them back: text, numbers, arrays of one type, and JSON text of all else."""
+    made = {}
+    for name, given in attributes.items():
+        value = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+        if isinstance(given, np.ndarray) and given.ndim == 1 and given.size > 1 and given.dtype.kind in "iuf":
+            value = given  # flags have the type of their variable
+        elif isinstance(value, str):
+            value = _text(str(value))
+        elif isinstance(value, list | tuple) and len(value) > 1 and {*map(type, value)} in ({int}, {float}):
+            value = np.asarray(value)  # a mixture would come back changed
+        elif isinstance(value, bool) or not isinstance(value, int | float):
+            try:
+                value = json.dumps(value, ensure_ascii=False, sort_keys=True)
+            except (TypeError, ValueError):
+                raise InputError(f'attribute "{name}" holds {type(value).__name__}, which cannot be stored') from None
+        made[str(name)] = value
+    return made
 
 
 def _text(text: str) -> str:
@@ -112,19 +106,15 @@ def decode(data: bytes) -> xr.Dataset:
     if _MARK in data[-2 * _TRAILER :] and trailer != _MARK + hashlib.sha256(body).digest():
         raise StoreError("its contents do not match its digest")
     with netCDF4.Dataset("its bytes", memory=data) as handle:
-        _check_sizes(len(data), handle)
+        declared, is_compressed = 0, False
+        for variable in handle.variables.values():
+            item = 1 if variable.dtype is str else np.dtype(variable.dtype).itemsize
+            declared += int(np.prod([int(n) for n in variable.shape], dtype=object)) * item
+            filters: Mapping[str, Any] = variable.filters()
+            is_compressed |= any(bool(filters.get(f)) for f in ("zlib", "zstd", "bzip2", "szip"))
+        if declared > len(data) * (_LARGEST_RATIO if is_compressed else 1) + _SLACK:
+            raise StoreError(f"it declares {declared} bytes of data but is {len(data)} bytes long")
         source = xr.backends.NetCDF4DataStore(handle)  # type: ignore[no-untyped-call]
         # packed values and times of other programs are not converted
         found = xr.open_dataset(source, mask_and_scale=False, decode_times=False).load().drop_encoding()
     return found.assign({name: one.astype(str) for name, one in found.variables.items() if one.dtype.kind == "O"})
-
-
-def _check_sizes(actual: int, handle: netCDF4.Dataset) -> None:
-    declared, is_compressed = 0, False
-    for variable in handle.variables.values():
-        item = 1 if variable.dtype is str else np.dtype(variable.dtype).itemsize
-        declared += int(np.prod([int(n) for n in variable.shape], dtype=object)) * item
-        filters: Mapping[str, Any] = variable.filters()
-        is_compressed |= any(bool(filters.get(f)) for f in ("zlib", "zstd", "bzip2", "szip"))
-    if declared > actual * (_LARGEST_RATIO if is_compressed else 1) + _SLACK:
-        raise StoreError(f"it declares {declared} bytes of data but is {actual} bytes long")

@@ -41,10 +41,6 @@ class Plugin(Generic[T]):
         named = f'the plug-in "{self.name}" of {self.distribution}'
         return f"{named} is left out: {self.problem}" if self.problem else f"{named} is used"
 
-    def left_out(self, problem: str) -> "Plugin[T]":
-        """Return it as one that is left out."""
-        return Plugin(self.name, self.distribution, None, problem)
-
 
 def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[str] = ()) -> tuple[Plugin[T], ...]:
     """Load every entry point of a group, of ``importlib.metadata.entry_points``.

@@ -1,7 +1,6 @@
 """Schemas of Datasets (variables, dimensions, units) and their check.
 
-A schema is data: which variables, over which dimensions, in which SI unit. The workflow checks a
-stage's result against the schema that the stage names, so a mistake is caught where it is made.
+The workflow checks a result against the schema that its stage names, so a mistake is caught where it is made.
 """
 
 from dataclasses import dataclass, field

@@ -1,12 +1,8 @@
 """Text files of instruments: encoding, size, completeness, and tables of numbers.
 
-:func:`survey` goes through a file once in pieces: it settles the codec (byte order mark, then strict UTF-8,
-then the codecs that the format declares), refuses control characters and files and lines beyond a size, and
-notes whether the last line is complete. Then :meth:`TextFile.lines` streams the decoded lines, so that a file of
-150 MB is never whole in memory.
-
-Numbers are parsed by numpy and the result is verified (rows, columns, finite); on any doubt the
-lines are read again one cell at a time, only to name the file, the line and the column.
+:func:`survey` goes through a file once in pieces, then :meth:`TextFile.lines` streams its lines: a file of 150 MB is
+never whole in memory. Numbers are parsed by numpy and verified (rows, columns, finite); on any doubt the lines are read
+again one cell at a time, only to name the file, the line and the column.
 """
 
 import codecs
@@ -224,8 +220,23 @@ def survey(path: str | os.PathLike[str], declared: Sequence[str] = ("cp1252",), 
     marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None) or unmarked_codec(head)
     failures = []
     for encoding in (marked,) if marked else ("utf-8", *declared):
+        n_lines, is_ended = 0, True
         try:
-            return TextFile(path, encoding, size, *_scan(path, encoding))
+            with path.open(encoding=encoding, errors="strict", newline=None) as stream:
+                while piece := stream.read(_PIECE) + stream.readline(_LONGEST_LINE + 1):  # whole lines
+                    if found := _CONTROL.search(piece):
+                        above = piece[: found.start()].split("\n")
+                        name = "NUL" if found[0] == "\0" else shorten(found[0])
+                        message = f"the control character {name} where text was expected: the file is damaged or binary"
+                        at = {"line": n_lines + len(above), "column": len(above[-1]) + 1}
+                        raise SourceError(path, message, **at, hint="Copy it from the instrument again.")
+                    lengths = list(map(len, piece.removesuffix("\n").split("\n")))
+                    if max(lengths) > _LONGEST_LINE:
+                        line = n_lines + next(i for i, length in enumerate(lengths, 1) if length > _LONGEST_LINE)
+                        message = f"the line is longer than {_LONGEST_LINE} characters"
+                        raise SourceError(path, message, line=line, hint="This is not a table of readings.")
+                    n_lines, is_ended = n_lines + len(lengths), piece.endswith("\n")
+            return TextFile(path, encoding, size, n_lines, is_ended)
         except UnicodeError as error:
             failures.append(f"{encoding} ({error})")
     if marked and marked.startswith("utf-16") and size % 2:
@@ -260,30 +271,6 @@ def first_bytes(path: Path, count: int = 512) -> bytes:
             return stream.read(count)
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
-
-
-def _scan(path: Path, encoding: str) -> tuple[int, bool]:
-    """Count lines, and say whether the last one is ended; control characters (damage, or no text) are refused."""
-    n_lines, is_ended = 0, True
-    with path.open(encoding=encoding, errors="strict", newline=None) as stream:
-        while piece := stream.read(_PIECE) + stream.readline(_LONGEST_LINE + 1):  # whole lines
-            if found := _CONTROL.search(piece):
-                above = piece[: found.start()].split("\n")
-                name = "NUL" if found[0] == "\0" else shorten(found[0])
-                raise SourceError(
-                    path,
-                    f"the control character {name} where text was expected: the file is damaged or binary",
-                    line=n_lines + len(above),
-                    column=len(above[-1]) + 1,
-                    hint="Copy it from the instrument again.",
-                )
-            lengths = list(map(len, piece.removesuffix("\n").split("\n")))
-            if max(lengths) > _LONGEST_LINE:
-                line = n_lines + next(i for i, length in enumerate(lengths, 1) if length > _LONGEST_LINE)
-                message = f"the line is longer than {_LONGEST_LINE} characters"
-                raise SourceError(path, message, line=line, hint="This is not a table of readings.")
-            n_lines, is_ended = n_lines + len(lengths), piece.endswith("\n")
-    return n_lines, is_ended
 
 
 def parse_rows(

@@ -1,8 +1,7 @@
 """Table of units: every accepted spelling and its factor to SI.
 
-Inside labpipe every number is SI; units live at the edges. A spelling that is not in the
-table is refused, never guessed. Temperatures are kept in °C as the field does (``degC``);
-everything else is a pure factor.
+Inside labpipe every number is SI; units live at the edges. A spelling that is not in the table is refused, never
+guessed. Temperatures are kept in °C as the field does (``degC``); everything else is a pure factor.
 """
 
 import math

@@ -88,7 +88,7 @@ def read_header(window: Window) -> Header:
     if window.take(setup_at + 140, 2, "the mark of SETUP") != b"ST":
         _refuse(window, setup_at + 140, 'SETUP does not carry its mark "ST"')
     length = window.field("H", setup_at + 142, "the length of SETUP")
-    window.require(setup_at, length, "SETUP")
+    window.take(setup_at, length, "SETUP")
 
     def setting(layout: str, offset: int) -> float | None:
         return window.field(layout, setup_at + offset, "SETUP") if offset + struct.calcsize(layout) <= length else None

@@ -70,7 +70,7 @@ def write(
         if written != count:
             raise InputError(f"{written} images were given, {count} were announced")
 
-    files.write_chunks(path, len(head) + count * (image_bytes + 8), chunks())
+    files.write_bytes(path, chunks(), len(head) + count * (image_bytes + 8))
 
 
 def _head(shape: tuple[int, int, int], time: Floats, recording: Recording, pixel_bytes: int) -> bytes:

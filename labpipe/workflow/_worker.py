@@ -15,45 +15,16 @@ from labpipe.errors import MISSING, NO_INPUT, InputError, LabpipeError, SourceEr
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
-from labpipe.workflow.context import Context, Failed, Kept, Warned, counts, summarise
+from labpipe.workflow.context import DONE, FAILED, SKIPPED, Outcome, counts
 from labpipe.workflow.exclusions import EXCLUDE, concerning
 from labpipe.workflow.graph import Task, TaskId, lineage
-from labpipe.workflow.plan import CACHED, READY, Key, Plan, code_changed, describe_file, page_name, state_of
+from labpipe.workflow.plan import CACHED, READY, Key, Plan, describe_file, page_name, state_of
 from labpipe.workflow.store import Caught, Last, Store, log
-
-DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
 _OURS = ("work", "provenance")
 """Attributes that belong to one result and must not travel into the next one made of it."""
 _FOR_PROGRAMMERS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
 """Warnings that say nothing about the data."""
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The end of one task: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``; written into the log.
-
-    ``key`` finds the result in the store. Where there is none ``message`` says why; ``exit_code``, ``error`` (the
-    class), ``reason`` and ``is_of_run`` are those of the error, ``details`` its place. ``seconds`` passed on the clock.
-    """
-
-    experiment: str
-    stage: str
-    recording: str | None
-    state: str
-    key: str | None = None
-    message: str = ""
-    exit_code: int = 0
-    error: str = ""
-    details: str = ""
-    seconds: float = 0.0
-    is_of_run: bool = False
-    reason: str = ""
-
-    @property
-    def task(self) -> TaskId:
-        """The task that ended."""
-        return TaskId(self.experiment, self.stage, self.recording)
 
 
 @dataclass(slots=True)
@@ -90,7 +61,7 @@ class Job:
             )
         store = self.store = Store(session.folder)
         try:
-            with store.writing(), store.experiment(experiment):
+            with store.experiment(experiment):
                 ready = {row.task: self.plan.keys[row.task].last for row in rows if row.state in READY}
                 store.note_latest(experiment, ready)
                 for row in rows:
@@ -196,13 +167,20 @@ class Job:
         """Call the function, and refuse its result where a file has changed before it returned or failed."""
         import xarray as xr
 
-        function = _import(task)
+        module, _, name = task.stage.function.partition(":")
+        try:
+            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, SyntaxError) as error:
+            text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
+            raise StageError(text) from error
         arguments = [argument.arranged(lambda slot: self._value(task, slot)) for argument in task.arguments]
         settings = self.plan.session.experiments[task.id.experiment].settings
         is_narrow = EXCLUDE in task.stage.parameters
         keywords: dict[str, Any] = {"settings": concerning(settings, task.files) if is_narrow else settings}
         if task.stage.context:
-            keywords["context"] = self._context(task, key)
+            failed = [self.failures[name] for name in lineage(self.plan.tasks, task.id) if name in self.failures]
+            about = provenance.of_task(self.program, self.plan, task.id)
+            keywords["context"] = provenance.context_of(self.plan, self.store, task.id, failed, about)
         if task.stage.shortcuts:
             keywords["full"] = key.ingredients["full"]
         with warnings.catch_warnings(record=True) as raised:
@@ -221,8 +199,8 @@ class Job:
                         raise changed
         expected = str if task.stage.output == "page" else xr.Dataset
         if not isinstance(result, expected):
-            name = f"{task.id.experiment}: {task.id.stage}"
-            raise StageError(f"{name}: must return a {expected.__name__}, returned {type(result).__name__}")
+            text = f"must return a {expected.__name__}, returned {type(result).__name__}"
+            raise StageError(f"{task.id.experiment}: {task.id.stage}: {text}")
         found = Counter(
             (warning.category.__name__, self._relative(str(warning.message)))
             for warning in raised
@@ -244,34 +222,3 @@ class Job:
                 for attribute in _OURS:
                     result.attrs.pop(attribute, None)
         return result
-
-    def _context(self, task: Task, key: Key) -> Context:
-        """Return the context of a page: the run behind it."""
-        keys, behind = self.plan.keys, lineage(self.plan.tasks, task.id)[:-1]
-        of = {name: (name.seen_from(task.id), name.recording) for name in behind}
-        values = {name: keys[name].value for name in behind if name not in self.failures}
-        found = {name: self.store.record(value) for name, value in values.items() if value is not None}
-        records = {name: record for name, record in found.items() if record is not None}
-        failed = {name: self.failures[name] for name in behind if name in self.failures}
-        return Context(
-            **key.ingredients["session"],
-            kind=key.ingredients["kind"],
-            ledger=summarise((n.experiment, n.stage, record.work) for n, record in records.items()),
-            warnings=tuple(
-                Warned(*of[n], w.category, w.text, w.count) for n, record in records.items() for w in record.warnings
-            ),
-            failures=tuple(Failed(*of[n], one.message, one.is_of_run, one.reason) for n, one in failed.items()),
-            provenance=provenance.of_task(self.program, self.plan, task.id),
-            kept=tuple(Kept(*of[n], code_changed(keys[n].kept)) for n in behind if keys[n].kept),
-        )
-
-
-def _import(task: Task) -> Callable[..., Any]:
-    """Return the function of a task."""
-    module, _, name = task.stage.function.partition(":")
-    try:
-        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, SyntaxError) as error:
-        text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
-        raise StageError(text) from error
-    return function

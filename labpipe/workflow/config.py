@@ -94,8 +94,16 @@ class Checker:
             value = value.replace("{name}", self.base)
         bare, _ = split(kind)
         try:
-            if typing.get_origin(bare) in (Union, types.UnionType):
-                return self._alternative(bare, value, place, below, name)
+            if typing.get_origin(bare) in (Union, types.UnionType):  # the first of several types that takes a value
+                if isinstance(value, dict) and len(tables := fields.tables_of(bare)) == 1:
+                    return self._structure(tables[0], value, place, below, name)
+                options = [option for option in typing.get_args(bare) if option is not type(None)]
+                for option in options:
+                    trial = replace(self, document=replace(self.document, problems={}))
+                    converted = trial.value(option, value, place, below, name)
+                    if not trial.document.problems:
+                        return converted
+                raise InputError(f"expected {' or '.join(map(describe, options))}, found {found(value)}")
             if is_table(bare):
                 return self._structure(bare, value, place, below, name)
             if typing.get_origin(bare) in (list, tuple, dict):
@@ -105,18 +113,6 @@ class Checker:
             field, mark, text = str(error).partition(": ")
             of_field = bool(mark) and isinstance(value, dict) and field in value  # then its line is the one to correct
             return self.report((*place, field), text) if of_field else self.report(place, str(error))
-
-    def _alternative(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
-        """Convert to the first of several types that takes a value."""
-        if isinstance(value, dict) and len(tables := fields.tables_of(kind)) == 1:
-            return self._structure(tables[0], value, place, below, name)
-        options = [option for option in typing.get_args(kind) if option is not type(None)]
-        for option in options:
-            trial = replace(self, document=replace(self.document, problems={}))
-            converted = trial.value(option, value, place, below, name)
-            if not trial.document.problems:
-                return converted
-        raise InputError(f"expected {' or '.join(map(describe, options))}, found {found(value)}")
 
     def _structure(self, kind: Any, value: Any, place: Place, below: Sequence[Layer], name: Place) -> Any:
         """Convert a table, and report its unknown and missing keys."""
@@ -172,7 +168,11 @@ class Checker:
             return _BAD if any(own is _BAD for own in pairs.values()) else pairs
         is_of_files = mark(arguments[0], fields.FileMark) is not None
         if is_of_files and isinstance(value, str) and set(value) & set("*?["):
-            value = self._matching(value)
+            is_below = ".." not in Path(value).parts and not Path(value).is_absolute()
+            names = [path.relative_to(self.root).as_posix() for path in self.root.glob(value)] if is_below else []
+            parts = {name: re.split(r"(\d+)", name) for name in names}  # in the order of their numbers
+            names.sort(key=lambda n: [(int(p) if p.isdigit() else 0, p) for p in parts[n]])
+            value = names or [value]
         if not isinstance(value, list):
             is_nested = typing.get_origin(split(arguments[0])[0]) in (list, tuple)
             example = f"; write [{found(value)}]" if isinstance(value, str) and not is_nested else ""
@@ -193,13 +193,6 @@ class Checker:
             raise InputError(f"expected at least {least} item{'s' * (least != 1)}, found {len(items)}")
         return tuple(items) if origin is tuple else items
 
-    def _matching(self, pattern: str) -> list[str]:
-        """Return the files of the session that fit a pattern, in the order of their numbers; the pattern for none."""
-        is_below = ".." not in Path(pattern).parts and not Path(pattern).is_absolute()
-        names = [path.relative_to(self.root).as_posix() for path in self.root.glob(pattern)] if is_below else []
-        parts = {name: re.split(r"(\d+)", name) for name in names}
-        return sorted(names, key=lambda n: [(int(p) if p.isdigit() else 0, p) for p in parts[n]]) or [pattern]
-
     def _single(self, kind: Any, value: Any, place: Place) -> Any:
         """Convert a value that holds no others."""
         if mark(kind, fields.FileMark) is not None:
@@ -213,7 +206,30 @@ class Checker:
                 raise InputError(f'there is no experiment "{name}"{near}')
             return fields.REFERENCE + name
         dimension, bounds = mark(kind, fields.Dimension), mark(kind, fields.Range)
-        converted = _plain(kind, value) if dimension is None else _quantity(kind, dimension.si, value)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if dimension is not None and is_number and dimension.si == "1":
+            converted: Any = Quantity(float(value), 0.0, "1")
+        elif dimension is not None:
+            why = " without a unit" if is_number else ""
+            try:
+                converted = quantity(value) if isinstance(value, str) else None
+            except InputError as error:
+                converted, why = None, f": {error}" if "," in value else ""
+            if converted is not None and converted.si != dimension.si:
+                why = f", which {'has no unit' if converted.si == '1' else f'is in {converted.si}'}"
+            elif converted is not None and not math.isfinite(converted.value + converted.u):
+                why = ", which is not finite"
+            if converted is None or why:
+                raise InputError(f"expected {describe(kind)}, found {found(value)}{why}")
+        else:
+            bare, _ = split(kind)
+            known = typing.get_args(bare) if typing.get_origin(bare) is Literal else ()
+            try:
+                is_word = isinstance(value, str) and value.lower() in known
+                converted = msgspec.convert(value.lower() if is_word else value, kind)
+            except msgspec.ValidationError:
+                near = suggest(str(value), map(str, known))
+                raise InputError(f"expected {describe(kind)}, found {found(value)}{near}") from None
         number = converted.value if isinstance(converted, Quantity) else converted
         if bounds is not None and not bounds.holds(number):
             unit = f" {dimension.si}" if dimension is not None and dimension.si != "1" else ""
@@ -241,32 +257,3 @@ class Checker:
                         text = f"{value}:{record.line(at)}: {at[-1]}: to be filled in"
                         self.document.problems[text] = self.document.line(place)
         return value
-
-
-def _quantity(kind: Any, si: str, value: Any) -> Quantity:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and si == "1":
-        return Quantity(float(value), 0.0, "1")
-    why = " without a unit" if is_number else ""
-    try:
-        parsed = quantity(value) if isinstance(value, str) else None
-    except InputError as error:
-        parsed, why = None, f": {error}" if "," in value else ""
-    if parsed is not None:
-        if parsed.si == si and math.isfinite(parsed.value) and math.isfinite(parsed.u):
-            return parsed
-        is_other = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
-        why = f", which {'is not finite' if parsed.si == si else is_other}"
-    raise InputError(f"expected {describe(kind)}, found {found(value)}{why}")
-
-
-def _plain(kind: Any, value: Any) -> Any:
-    bare, _ = split(kind)
-    known = typing.get_args(bare) if typing.get_origin(bare) is Literal else ()
-    if isinstance(value, str) and value.lower() in known:
-        return value.lower()
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError:
-        near = suggest(str(value), map(str, known))
-        raise InputError(f"expected {describe(kind)}, found {found(value)}{near}") from None

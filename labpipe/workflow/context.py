@@ -14,6 +14,9 @@ from typing import Any, NamedTuple
 import msgspec
 
 from labpipe.errors import NO_INPUT, InputError
+from labpipe.workflow.graph import TaskId
+
+DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
 
 class LedgerRow(NamedTuple):
@@ -81,35 +84,45 @@ class Warned:
     count: int
 
 
-class Failed(NamedTuple):
-    """A stage before the page that gave no result; ``is_of_run`` and ``reason`` are those of its error."""
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The end of one task: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``; written into the log.
 
+    ``key`` finds the result in the store. Where there is none ``message`` says why; ``exit_code``, ``error`` (the
+    class), ``reason`` and ``is_of_run`` are those of the error, ``details`` its place. ``seconds`` passed on the clock.
+    """
+
+    experiment: str
     stage: str
     recording: str | None
-    text: str
+    state: str
+    key: str | None = None
+    message: str = ""
+    exit_code: int = 0
+    error: str = ""
+    details: str = ""
+    seconds: float = 0.0
     is_of_run: bool = False
     reason: str = ""
 
     @property
+    def task(self) -> TaskId:
+        """The task that ended."""
+        return TaskId(self.experiment, self.stage, self.recording)
+
+    @property
     def is_consequence(self) -> bool:
-        """Whether it failed only because one before it did."""
+        """Whether it has no result only because one before it has none."""
         return self.reason == NO_INPUT
-
-
-class Kept(NamedTuple):
-    """A result of earlier code that was taken as it is, and the change since in words."""
-
-    stage: str
-    recording: str | None
-    reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
     """Passed to stages that ask for it; everything in it is equal for equal inputs.
 
-    ``ledger`` holds the counts of the stages behind the page, ``provenance`` its origin by
-    :func:`labpipe.workflow.provenance.of_task`; ``base``, ``changed`` and ``overrides`` are those of its
+    ``ledger`` holds the counts of the stages behind it, ``failures`` those without a result, called as it calls them,
+    ``kept`` those whose results of earlier code were taken as they are, with the change since in words, ``provenance``
+    its origin by :func:`labpipe.workflow.provenance.of_task`; ``base``, ``changed`` and ``overrides`` are those of its
     :class:`labpipe.workflow.session.Experiment`.
     """
 
@@ -121,9 +134,9 @@ class Context:
     synthetic: bool
     ledger: tuple[LedgerRow, ...] = ()
     warnings: tuple[Warned, ...] = ()
-    failures: tuple[Failed, ...] = ()
+    failures: tuple[Outcome, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    kept: tuple[Kept, ...] = ()
+    kept: Mapping[str, str] = field(default_factory=dict)
     base: str = ""
     changed: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     overrides: Mapping[str, tuple[str, str]] = field(default_factory=dict)

@@ -95,7 +95,13 @@ def parse(path: Path, text: str | None = None) -> Document:
         byte = error.object[error.start]
         raise refuse(line, f"byte {byte:#04x} is not UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise refuse(*_syntax_problem(str(text), str(error))) from None
+        # such as ``Cannot overwrite a value (at line 5, column 3)``; the only other place is "end of document"
+        problem, _, found = str(error).removesuffix(")").rpartition(" (at ")
+        said = next((said for begin, said in _SYNTAX.items() if problem.startswith(begin)), "{}").format(problem)
+        if (at := re.fullmatch(r"line (\d+), column (\d+)", found)) is None:
+            raise refuse(str(text).rstrip("\n").count("\n") + 1, said) from None
+        said += f"; found: {[*str(text).splitlines(), ''][int(at[1]) - 1].strip()[:60]}"
+        raise refuse(f"{at[1]}:{at[2]}", said) from None
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise refuse(1, f"cannot be read as TOML: {error}") from None
@@ -117,16 +123,6 @@ _SYNTAX = {
     "Invalid value": f"expected a value; {_ADVICE}",
 }
 """Beginnings of messages of tomllib, and the same for a person."""
-
-
-def _syntax_problem(text: str, message: str) -> tuple[int | str, str]:
-    """Turn ``Cannot overwrite a value (at line 5, column 3)`` into the place and words for a person."""
-    problem, _, place = message.removesuffix(")").rpartition(" (at ")
-    said = next((said for begin, said in _SYNTAX.items() if problem.startswith(begin)), "{}").format(problem)
-    if (at := re.fullmatch(r"line (\d+), column (\d+)", place)) is None:  # the only other place is "end of document"
-        return text.rstrip("\n").count("\n") + 1, said
-    line = [*text.splitlines(), ""][int(at[1]) - 1].strip()
-    return f"{at[1]}:{at[2]}", f"{said}; found: {line[:60]}"
 
 
 def placed(tree: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:

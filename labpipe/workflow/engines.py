@@ -150,8 +150,12 @@ def _processes(size: int) -> Iterator[Crew]:
     executor: ProcessPoolExecutor | None = None
 
     def start(call: Call, imports: Sequence[str]) -> "Future[Any]":
+        """Give a call to processes, begun with one thread for each library and without a script that starts itself."""
         nonlocal executor
-        with _clean_start():
+        before, main = {**os.environ}, sys.modules["__main__"]
+        os.environ.update(_ENVIRONMENT)
+        sys.modules["__main__"] = types.ModuleType("__main__")
+        try:
             if executor is None and _METHOD == "forkserver":
                 context.set_forkserver_preload(list(imports))
             while True:
@@ -161,6 +165,11 @@ def _processes(size: int) -> Iterator[Crew]:
                 except BrokenProcessPool:  # the calls under way find out by their futures
                     executor.shutdown()
                     executor = None
+        finally:
+            sys.modules["__main__"] = main
+            for name in _ENVIRONMENT:
+                del os.environ[name]
+            os.environ.update(before)
 
     try:
         yield Crew(start, lambda: size)
@@ -169,21 +178,6 @@ def _processes(size: int) -> Iterator[Crew]:
         if executor is not None:
             executor.shutdown(cancel_futures=True)  # waits until their locks are free and nothing is written
         watched.close()
-
-
-@contextlib.contextmanager
-def _clean_start() -> Iterator[None]:
-    """Start processes with one thread for each library, and without a script that would start itself in each."""
-    before, main = {**os.environ}, sys.modules["__main__"]
-    os.environ.update(_ENVIRONMENT)
-    sys.modules["__main__"] = types.ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
-        for name in _ENVIRONMENT:
-            del os.environ[name]
-        os.environ.update(before)
 
 
 def _begin(watched: Any) -> None:

@@ -332,8 +332,20 @@ def _row_to_run(store: Store, last: Last | None, task: Task, key: Key, state: st
     elif state == "damaged" or last is None:
         reasons = ["never run" if last is None else "result damaged"]
     else:
-        record = store.record(last.key)
-        reasons = _changes(record.ingredients, key.ingredients, is_waiting=bool(waiting)) if record else []
+        reasons, record, new = list[str](), store.record(last.key), key.ingredients
+        old = new if record is None else record.ingredients
+        if changed := _code_changes(old, new):
+            reasons.append(code_changed(changed))
+        before, after = _facts(old), _facts(new)
+        for name in after | before:
+            # as text: the record has lists where settings have tuples
+            if files.canonical(before.get(name)) == files.canonical(after.get(name)):
+                continue
+            if name.startswith("parameter"):
+                reasons.append(f"{name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}")
+            elif not (name.startswith("upstream") and (waiting or reasons)):  # the task before it says more
+                way = "removed" if name not in after else "changed" if name in before else "added"
+                reasons.append(f"{name} {way}")
     reasons += sorted({f"upstream {before.seen_from(task.id)} will run" for before in waiting})
     return Row(*task.id, WAITS if waiting else WILL_RUN, _first(reasons, "; ") or "result is gone", task.stage.summary)
 
@@ -343,22 +355,6 @@ def _code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     before, after = old.get("code", {}), new["code"]
     function = [str(new["function"])] if old.get("function") != new["function"] else []
     return function + [name for name in after | before if before.get(name) != after.get(name)]
-
-
-def _changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool) -> list[str]:
-    """Say in which ingredients a result differs from the last one; of one that waits, the task before it says more."""
-    changed = _code_changes(old, new)
-    reasons = [code_changed(changed)] if changed else []
-    before, after = _facts(old), _facts(new)
-    for name in after | before:
-        # as text: the record has lists where settings have tuples
-        if files.canonical(before.get(name)) == files.canonical(after.get(name)):
-            continue
-        if name.startswith("parameter"):
-            reasons.append(f"{name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}")
-        elif not (name.startswith("upstream") and (is_waiting or reasons)):
-            reasons.append(f"{name} {'removed' if name not in after else 'changed' if name in before else 'added'}")
-    return reasons
 
 
 def _facts(ingredients: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,18 +1,20 @@
-"""Where a result comes from: program, versions, parameters and raw files; nothing of the clock."""
+"""Where a result comes from: program, versions, parameters, raw files, and the run behind it; nothing of the clock."""
 
 import platform
-import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from labpipe.installation import __version__
 from labpipe.workflow.code import LIBRARIES, version
+from labpipe.workflow.context import Context, Outcome, Warned, summarise
 from labpipe.workflow.graph import TaskId, lineage
-from labpipe.workflow.plan import Plan
-from labpipe.workflow.store import key_of
+from labpipe.workflow.plan import Plan, code_changed
+from labpipe.workflow.store import Store, key_of
 
 
 def program() -> dict[str, Any]:
@@ -28,11 +30,10 @@ def program() -> dict[str, Any]:
 @cache
 def git_state(folder: Path) -> str | None:
     """Return the commit that a folder is at, with ``+`` when files differ; None outside git."""
-    git = shutil.which("git")
-    if git is None or not any((parent / ".git").exists() for parent in folder.parents):
+    if not any((parent / ".git").exists() for parent in folder.parents):
         return None
-    command = [git, "-C", str(folder), "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
-    try:  # a repository on a share that does not answer must not stop a run
+    command = ["git", "-C", str(folder), "describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+"]
+    try:  # there may be no git, and a repository on a share that does not answer must not stop a run
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
     except (OSError, subprocess.SubprocessError):
         return None
@@ -63,3 +64,27 @@ def of_task(about_program: Mapping[str, Any], plan: Plan, task: TaskId) -> dict[
         "stages": stages,
         "inputs": [files[name] for name in sorted(files)],
     }
+
+
+def context_of(
+    plan: Plan, store: Store, task: TaskId, failed: Iterable[Outcome], about: Mapping[str, Any] = MappingProxyType({})
+) -> Context:
+    """Return the context of a task, by the results behind it, those that ``failed``, and its origin."""
+    keys, behind, own = plan.keys, lineage(plan.tasks, task)[:-1], plan.keys[task].ingredients
+    failures = {one.task: one for one in failed}
+    found = {n: store.record(keys[n].value or "") for n in behind if n not in failures}
+    records = {name: record for name, record in found.items() if record is not None}
+    return Context(
+        **own["session"],
+        kind=own["kind"],
+        ledger=summarise((n.experiment, n.stage, record.work) for n, record in records.items()),
+        warnings=tuple(
+            Warned(n.seen_from(task), n.recording, w.category, w.text, w.count)
+            for n, record in records.items()
+            for w in record.warnings
+        ),
+        # without what another run has otherwise
+        failures=tuple(replace(f, stage=n.seen_from(task), details="", seconds=0.0) for n, f in failures.items()),
+        provenance=about,
+        kept={n.seen_from(task): code_changed(keys[n].kept) for n in behind if keys[n].kept},
+    )

@@ -1,16 +1,16 @@
 """The one reader of results of a session, as of one plan; and the events and the outcome of a run."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.workflow._worker import FAILED, Outcome
-from labpipe.workflow.graph import Argument, Stages, TaskId
-from labpipe.workflow.plan import READY, Plan, Row, plan, wanted_tasks
+from labpipe.workflow.context import FAILED, Outcome
+from labpipe.workflow.graph import Argument, TaskId
+from labpipe.workflow.plan import READY, Plan, wanted_tasks
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 
@@ -25,26 +25,21 @@ class Results:
     plan: Plan
 
     @property
-    def folder(self) -> Path:
-        """The session's folder."""
-        return self.plan.session.root
-
-    @property
     def experiments(self) -> Mapping[str, Experiment]:
         """The session's experiments by name."""
         return self.plan.session.experiments
 
-    def up_to_date(self, row: Row) -> "xr.Dataset | None":
-        """Return the result of a row; None when there is none, or it is damaged, or a page."""
+    def up_to_date(self, task: TaskId) -> "xr.Dataset | None":
+        """Return the result of a task; None when there is none, or it is damaged, or a page."""
         try:
-            return self.result(*row.task)
+            return self.result(*task)
         except LabpipeError:  # the next run makes it again
             return None
 
     def first(self, experiment: str, stage: str) -> "xr.Dataset | None":
         """Return the result of a stage of an experiment, for its first recording; None where it is not there."""
         row = next((row for row in self.plan.rows if (row.experiment, row.stage) == (experiment, stage)), None)
-        return None if row is None else self.up_to_date(row)
+        return None if row is None else self.up_to_date(row.task)
 
     def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
         """Return one result, of a stage that runs per recording that of one file.
@@ -67,20 +62,11 @@ class Results:
             raise InputError(f"{task} is a page; open it in a browser")
         return Store(self.plan.session.folder).read(key)  # type: ignore[return-value]
 
-    def values(self, arguments: Sequence[Argument]) -> list[Any]:
-        """Return the arguments of a function: Datasets and paths, lists of them, or None."""
-        files = self.plan.session.files
-        return [
-            a.arranged(lambda slot: files / slot if isinstance(slot, str) else self.result(*slot)) for a in arguments
-        ]
-
-
-def open_result(
-    session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None
-) -> "xr.Dataset":
-    """Return an up-to-date stored result without running anything; errors are those of :meth:`Results.result`."""
-    made = plan(session, stages, [f"{experiment}/{stage}"], [experiment], keep=None)
-    return Results(made).result(experiment, stage, recording)
+    def values(self, arguments: Iterable[Argument], *, may_lack: bool = False) -> list[Any]:
+        """Return the arguments of a function: Datasets and paths, lists of them, or None, perhaps for missing ones."""
+        folder = self.plan.session.files
+        result: Callable[[TaskId], Any] = self.up_to_date if may_lack else lambda task: self.result(*task)
+        return [a.arranged(lambda slot: folder / slot if isinstance(slot, str) else result(slot)) for a in arguments]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,12 @@ from typing import Any, TypedDict, Unpack
 
 import msgspec
 
+from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
-from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
+from labpipe.workflow._worker import Job
+from labpipe.workflow.context import DONE, FAILED, SKIPPED, Outcome
 from labpipe.workflow.engines import Crew, Died
 from labpipe.workflow.graph import Stages, TaskId, imports_of
 from labpipe.workflow.plan import Plan, page_name, plan
@@ -65,7 +67,7 @@ def run_all(
 
     def begin(session: Session) -> _SessionRun:
         store, chosen = Store(session.folder), (options.get("targets"), options.get("only"))
-        store.clean()
+        files.remove_orphans(session.folder, is_deep=True)
         made = plan(session, stages, *chosen, full=full, keep=options.get("keep", False), store=store)
         store.index.save()
         is_final = chosen == (None, None) and not (made.to_run or full)
@@ -100,7 +102,7 @@ def run_all(
         for state in under_way:
             with contextlib.suppress(StorageError):
                 log(state.plan.session, "run interrupted", error=type(error).__name__)
-                state.store.clean()
+                files.remove_orphans(state.plan.session.folder, is_deep=True)
         raise
 
 

@@ -217,7 +217,7 @@ class Store:
     def latest(self, experiment: str) -> dict[TaskId, Last]:
         """Return the last result of every task of an experiment."""
         try:
-            found = files.unseal(self._latest_path(experiment).read_bytes())
+            found = files.unseal((self.root / "latest" / f"{experiment}.json").read_bytes())
             return {TaskId(experiment, stage, recording): Last(*key) for stage, recording, *key in found}
         except (OSError, TypeError, ValueError):  # absent, damaged, or another record of ours
             return {}
@@ -228,30 +228,15 @@ class Store:
         if known != (now := {**known, **found}):
             entries = ([*task[1:], *filter(None, last)] for task, last in now.items())
             ordered = sorted(entries, key=lambda entry: (entry[0], entry[1] or ""))
-            files.write_bytes(self._latest_path(experiment), files.seal(ordered))
+            files.write_bytes(self.root / "latest" / f"{experiment}.json", files.seal(ordered))
 
-    # --- locks and cleaning ---
-
-    @contextlib.contextmanager
-    def writing(self) -> Iterator[None]:
-        """Hold off :meth:`clean` in other processes while this one writes."""
-        with files.lock(self.root / "writers.lock", shared=True):
-            yield
+    # --- locks and checks ---
 
     @contextlib.contextmanager
     def experiment(self, name: str) -> Iterator[None]:
         """Let one process at a time compute an experiment."""
         with files.lock(self.root / "locks" / f"{name}.lock"):
             yield
-
-    def clean(self) -> None:
-        """Remove half-written files of killed processes, unless somebody is writing now."""
-        if not self.folder.is_dir():
-            return
-        with files.lock(self.root / "writers.lock", wait=False) as is_alone:
-            if is_alone:
-                for part in self.folder.rglob(f".*{files.PART_SUFFIX}"):
-                    part.unlink(missing_ok=True)
 
     def check(self) -> list[str]:
         """Read every result again and name the damaged ones; nothing is moved."""
@@ -270,9 +255,6 @@ class Store:
 
     def _path(self, key: str, ending: str) -> Path:
         return self.root / key[:2] / f"{key}{ending}"
-
-    def _latest_path(self, experiment: str) -> Path:
-        return self.root / "latest" / f"{experiment}.json"
 
 
 # --- the log of all runs -------------------------------------------------------------------------

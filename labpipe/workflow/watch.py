@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.files import files_below
+from labpipe.files import files_below, relative
 from labpipe.workflow.document import Document
 from labpipe.workflow.graph import Stages, lineage, spell_out
 from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
@@ -45,46 +45,13 @@ class News:
 
 
 @dataclass(slots=True)
-class Settling:
-    """Which files have come to rest: unchanged over so many looks."""
-
-    looks: int = LOOKS
-    seen: dict[Path, tuple[Stamp, int]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Refuse to call a file complete without having looked."""
-        if self.looks < 1:
-            raise InputError(f"a file needs at least 1 look to be at rest, found looks={self.looks}")
-
-    def look(self, path: Path) -> None:
-        """Note the state of a file or folder; called once per look."""
-        found = []
-        # A file may vanish between being listed and being asked for; then it is not there.
-        with contextlib.suppress(OSError):
-            for part in files_below(path) if path.is_dir() else [path]:
-                status = part.stat()
-                found.append((part.name, status.st_size, status.st_mtime_ns))
-        stamp = tuple(found) if sum(size for _, size, _ in found) else ()
-        before, count = self.seen.get(path, ((), 0))
-        self.seen[path] = (stamp, count + 1 if stamp == before and stamp else 1)
-
-    def stamp(self, path: Path) -> Stamp:
-        """State at the last look; empty when there was no such file, or nothing in it."""
-        return self.seen.get(path, ((), 0))[0]
-
-    def is_at_rest(self, path: Path) -> bool:
-        """Whether a file is there, holds something, and was unchanged for long enough."""
-        stamp, count = self.seen.get(path, ((), 0))
-        return bool(stamp) and count >= self.looks
-
-
-@dataclass(slots=True)
 class Watcher:
     """Looks at a session folder and processes complete experiments.
 
     ``kinds`` and ``stages`` are those of every kind of experiment. ``check`` is given an experiment and the path of a
     file at rest, and returns None when the file is complete by its own content, or the missing part. ``run`` is given a
     session of complete experiments and processes one by name; ``fill`` is as in :func:`labpipe.workflow.session.load`.
+    ``looks`` is how many in a row must find a file unchanged, ``seen`` what they found of each.
     """
 
     folder: Path
@@ -92,7 +59,8 @@ class Watcher:
     stages: Stages
     check: Callable[[Experiment, Path], str | None]
     run: Callable[[Session, str], "RunResult"]
-    settling: Settling = field(default_factory=Settling)
+    looks: int = LOOKS
+    seen: dict[Path, tuple[Stamp, int]] = field(default_factory=dict)
     told: dict[str, tuple[str, str]] = field(default_factory=dict)
     finished: dict[str, tuple[Stamp, ...]] = field(default_factory=dict)
     verdicts: dict[tuple[str, Path], tuple[Stamp, str | None]] = field(default_factory=dict)
@@ -100,12 +68,16 @@ class Watcher:
     read_at: Stamp = ()
     fill: Callable[[Document, Path], object] = lambda document, root: None
 
-    def look(self) -> Iterator[News]:
-        """Look once at every file; process complete experiments; yield only news."""
-        for news in self._look():
-            if self.told.get(news.experiment) != (news.state, news.text):
-                self.told[news.experiment] = (news.state, news.text)
-                yield news
+    def __post_init__(self) -> None:
+        """Refuse to call a file complete without having looked."""
+        if self.looks < 1:
+            raise InputError(f"a file needs at least 1 look to be at rest, found looks={self.looks}")
+
+    def _news(self, experiment: str, state: str, text: str) -> Iterator[News]:
+        """Yield the state of an experiment where it is another one than at the last look."""
+        if self.told.get(experiment) != (state, text):
+            self.told[experiment] = (state, text)
+            yield News(experiment, state, text)
 
     @property
     def is_done(self) -> bool:
@@ -119,64 +91,75 @@ class Watcher:
         """Last state and text of every experiment."""
         return {name: said for name, said in self.told.items() if name}
 
-    def _look(self) -> Iterator[News]:
+    def _see(self, path: Path) -> tuple[Stamp, bool]:
+        """Look at a file or folder: its state, empty where nothing is in it, and whether it has come to rest."""
+        found = []
+        # A file may vanish between being listed and being asked for; then it is not there.
+        with contextlib.suppress(OSError):
+            for part in files_below(path) if path.is_dir() else [path]:
+                status = part.stat()
+                found.append((part.name, status.st_size, status.st_mtime_ns))
+        stamp = tuple(found) if sum(size for _, size, _ in found) else ()
+        before, count = self.seen.get(path, ((), 0))
+        self.seen[path] = (stamp, count + 1 if stamp == before and stamp else 1)
+        return stamp, bool(stamp) and self.seen[path][1] >= self.looks
+
+    def look(self) -> Iterator[News]:
+        """Look once at every file; process complete experiments; yield only news."""
         path = self.folder / FILE_NAME
-        self.settling.look(path)
-        if not self.settling.stamp(path):
-            yield News("", WAITING, f"there is no {FILE_NAME} in {self.folder} yet")
+        stamp, is_at_rest = self._see(path)
+        if not stamp:
+            yield from self._news("", WAITING, f"there is no {FILE_NAME} in {self.folder} yet")
             return
-        if not self.settling.is_at_rest(path):
+        if not is_at_rest:
             return
         try:
-            if self.session is None or self.settling.stamp(path) != self.read_at:
+            if self.session is None or stamp != self.read_at:
                 self.session = None
                 self.session = load(path, self.kinds, may_wait=True, fill=self.fill)
-                self.read_at = self.settling.stamp(path)
+                self.read_at = stamp
             session = self.session
             tasks = spell_out(session, self.stages)
         except LabpipeError as error:
-            yield News("", BROKEN, str(error))
+            yield from self._news("", BROKEN, str(error))
             return
         self.told.pop("", None)
         for name, lines in session.waiting.items():
-            yield News(name, WAITING, "; ".join(lines))
+            yield from self._news(name, WAITING, "; ".join(lines))
         needs: dict[str, list[Path]] = {}
         for name in dict.fromkeys(task.experiment for task in tasks):
             own = [task for task in tasks if task.experiment == name]
             behind = [file for task in lineage(tasks, *own) for file in tasks[task].files]
             needs[name] = [session.files / file for file in dict.fromkeys(behind)]
-        for file in sorted({file for files in needs.values() for file in files}):
-            self.settling.look(file)
+        seen = {file: self._see(file) for file in sorted({file for files in needs.values() for file in files})}
         for name, paths in needs.items():
-            stamps = (self.read_at, *map(self.settling.stamp, paths))
+            stamps = (self.read_at, *(seen[path][0] for path in paths))
             if self.finished.get(name) == stamps:
                 continue
-            if (obstacle := self._obstacle(session, name, paths)) is not None:
-                yield obstacle
+            those = {path: seen[path] for path in paths}
+            if (obstacle := self._obstacle(session.experiments[name], session.files, those)) is not None:
+                yield from self._news(name, *obstacle)
                 continue
             ready = {n: e for n, e in session.experiments.items() if set(needs[n]) <= set(paths)}
             outcome = self.run(replace(session, experiments=ready), name)
             self.finished[name] = stamps
             failures = [o for o in outcome.failures if o.experiment == name]
             text = "; ".join(f"{o.task}: {o.message}" for o in failures) or str(outcome.reports.get(name, "done"))
-            yield News(name, FAILED if failures else PROCESSED, text)
+            yield from self._news(name, FAILED if failures else PROCESSED, text)
 
-    def _obstacle(self, session: Session, name: str, paths: list[Path]) -> News | None:
+    def _obstacle(
+        self, experiment: Experiment, root: Path, seen: Mapping[Path, tuple[Stamp, bool]]
+    ) -> tuple[str, str] | None:
         """Say why an experiment cannot be processed yet; its files are asked once per state whether they are whole."""
-        absent = [p for p in paths if not self.settling.stamp(p)]
-        if absent:
-            there = len(paths) - len(absent)
-            shown = absent[0].relative_to(session.files).as_posix()
-            return News(name, WAITING, f"{there} of {len(paths)} files are there; next: {shown}")
-        for path in paths:
-            if not self.settling.is_at_rest(path):
-                return News(name, ARRIVING, f"{path.relative_to(session.files).as_posix()} is still changing")
-        for path in paths:
-            stamp = self.settling.stamp(path)
-            known = self.verdicts.get((name, path))
+        there = {path: relative(path, root) for path in seen}
+        if absent := [name for path, name in there.items() if not seen[path][0]]:
+            return WAITING, f"{len(seen) - len(absent)} of {len(seen)} files are there; next: {absent[0]}"
+        if moving := [name for path, name in there.items() if not seen[path][1]]:
+            return ARRIVING, f"{moving[0]} is still changing"
+        for path, (stamp, _) in seen.items():
+            known = self.verdicts.get((experiment.name, path))
             if known is None or known[0] != stamp:
-                known = (stamp, self.check(session.experiments[name], path))
-                self.verdicts[name, path] = known
+                known = self.verdicts[experiment.name, path] = (stamp, self.check(experiment, path))
             if known[1] is not None:
-                return News(name, REFUSED, known[1])
+                return REFUSED, known[1]
         return None

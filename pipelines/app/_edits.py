@@ -300,20 +300,8 @@ Block = tuple[tuple[str, ...], str]
 
 def _rewritten(text: str, name: str, meant: Mapping[str, Any], write: Callable[[list[Block]], str]) -> str:
     """Write the blocks of an experiment anew, in the place of the first; `meant` is what the text must hold then."""
-    blocks = _blocks(text)
-    own = [block for block in blocks if block[0][:2] == (EXPERIMENTS, name)]
-    if not own:
-        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
-    made, last = write(own).rstrip(), own[-1][1]
-    kept = [block for block in blocks if block not in own]
-    kept.insert(blocks.index(own[0]), ((), made and made + last[len(last.rstrip()) :]))
-    return _as_meant("".join(block for _, block in kept), meant, (EXPERIMENTS, name))
-
-
-def _blocks(text: str) -> list[Block]:
-    """Cut a text at its headers; remarks right above a header go with it."""
     found: list[tuple[tuple[str, ...], list[str]]] = [((), [])]
-    for line in text.splitlines(keepends=True):
+    for line in text.splitlines(keepends=True):  # cut at the headers; remarks right above one go with it
         path = _path_of(line.rstrip("\r\n"))
         if path is not None:
             above = found[-1][1]
@@ -326,7 +314,14 @@ def _blocks(text: str) -> list[Block]:
         found[-1][1].append(line)
     if found[-1][1] and not found[-1][1][-1].endswith("\n"):
         found[-1][1][-1] += "\n"
-    return [(path, "".join(lines)) for path, lines in found]
+    blocks = [(path, "".join(lines)) for path, lines in found]
+    own = [block for block in blocks if block[0][:2] == (EXPERIMENTS, name)]
+    if not own:
+        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
+    made, last = write(own).rstrip(), own[-1][1]
+    kept = [block for block in blocks if block not in own]
+    kept.insert(blocks.index(own[0]), ((), made and made + last[len(last.rstrip()) :]))
+    return _as_meant("".join(block for _, block in kept), meant, (EXPERIMENTS, name))
 
 
 def _path_of(line: str) -> tuple[str, ...] | None:

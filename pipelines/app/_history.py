@@ -32,28 +32,24 @@ def in_words(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
     said = []
     for name in dict.fromkeys((*new, *old)):
         before, after = (tree_of(texts.get(name, "")) for texts in (old, new))
-        experiments = [tree.pop(EXPERIMENTS, {}) for tree in (before, after)]
+        of_before, of_after = (tree.pop(EXPERIMENTS, {}) for tree in (before, after))
         if name not in new or name not in old:
             said.append(f"{name} is {'new' if name in new else 'removed'}")
         else:
             said += [f"{name}: {line}" for line in _values(before, after)]
-        said += _experiments(*experiments)
+        gone = {one: table for one, table in of_before.items() if one not in of_after}
+        for one, table in of_after.items():
+            former = next((old for old, its in gone.items() if its == table), None) if one not in of_before else one
+            if former is None:
+                kind = KINDS.get(str(table.get("kind")))
+                said.append(f"{one}: new{f', {kind.title}' if kind else ''}")
+            elif former != one:
+                del gone[former]
+                said.append(f"{former}: is called {one} now")
+            else:
+                said += [f"{one}: {line}" for line in _values(of_before[one], table)]
+        said += [f"{one}: left out" for one in gone]
     return said
-
-
-def _experiments(before: dict[str, Any], after: dict[str, Any]) -> Iterator[str]:
-    gone = {name: table for name, table in before.items() if name not in after}
-    for name, table in after.items():
-        former = next((old for old, its in gone.items() if its == table), None) if name not in before else name
-        if former is None:
-            kind = KINDS.get(str(table.get("kind")))
-            yield f"{name}: new{f', {kind.title}' if kind else ''}"
-        elif former != name:
-            del gone[former]
-            yield f"{former}: is called {name} now"
-        else:
-            yield from (f"{name}: {line}" for line in _values(before[name], table))
-    yield from (f"{name}: left out" for name in gone)
 
 
 def _values(before: Any, after: Any, place: str = "") -> Iterator[str]:

@@ -127,8 +127,15 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     high = np.minimum(np.ceil(at.max(axis=(0, 1))).astype(int) + 9, np.array(grey.shape[::-1]))
     places = np.moveaxis(at - low, -1, 0)[::-1]
     profiles = map_coordinates(grey[low[1] : high[1], low[0] : high[0]], places, order=3)
-    start = _coarse(x, profiles.mean(axis=0))
-    fits = {kind: _fitted(x, profiles.mean(axis=0), kind, start[kind]) for kind in start}
+    # first guesses: the steepest place, and the most prominent one, near the click
+    mean, window = profiles.mean(axis=0), np.exp(-0.5 * (x / (0.5 * reach)) ** 2)
+    steep, apart = np.gradient(mean), mean - np.median(mean)
+    edge, line = (int(np.argmax(np.abs(seen) * window)) for seen in (steep, apart))
+    start = {
+        "edge": np.array([float(np.ptp(mean)) / 2 * np.sign(steep[edge]), x[edge], 1.5, float(mean.mean())]),
+        "graduation": np.array([apart[line], x[line], 1.5, float(np.median(mean))]),
+    }
+    fits = {kind: _fitted(x, mean, kind, start[kind]) for kind in start}
     kind = min(fits, key=lambda name: fits[name][1])
     model, noise = fits[kind]
     each = np.array([_fitted(x, profile, kind, model)[0] for profile in profiles])
@@ -143,20 +150,6 @@ def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArr
     oblique = 1.0 + abs(along[0] * along[1])
     u = oblique * float(np.sqrt(np.sum(rest**2) / (kept.sum() - 2) / kept.sum()))
     return _End(float(middle), float(slope), u, kind)
-
-
-def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return first guesses: the steepest place, and the most prominent place, near the click."""
-    window = np.exp(-0.5 * (x / (0.5 * x[-1])) ** 2)
-    steep = np.gradient(profile)
-    edge = int(np.argmax(np.abs(steep) * window))
-    apart = profile - np.median(profile)
-    line = int(np.argmax(np.abs(apart) * window))
-    base = float(np.median(profile))
-    return {
-        "edge": np.array([float(np.ptp(profile)) / 2 * np.sign(steep[edge]), x[edge], 1.5, float(profile.mean())]),
-        "graduation": np.array([apart[line], x[line], 1.5, base]),
-    }
 
 
 def _fitted(

@@ -10,7 +10,6 @@ from typing import Any
 from labpipe.errors import LabpipeError
 from labpipe.workflow import events
 from labpipe.workflow.plan import READY, page_name
-from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.session import Surveyed, plan
 
@@ -30,8 +29,13 @@ def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
         made = plan(folder)
     except LabpipeError as error:
         return told | {"problem": str(error)}
-    session = made.session
-    failed = _failures(session)
+    session, failed = made.session, dict[str, dict[tuple[Any, Any], str]]()  # of the last run of every step
+    for event in (one for one in events(session) if one.get("event") == "ended"):
+        own_failures = failed.setdefault(str(event.get("experiment")), {})
+        step = event.get("stage"), event.get("recording")
+        own_failures.pop(step, None)
+        if event.get("state") == "failed":
+            own_failures[step] = f"{event.get('stage')}: {event.get('message')}"
     empty = {"title": "", "steps": 0, "to_run": 0, "why": "", "what": [], "failed": "", "waits": [], "page": False}
     cards = []
     for name, rows in itertools.groupby(made.rows, key=lambda row: row.experiment):
@@ -41,7 +45,7 @@ def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
         card |= {"to_run": len(open_), "page": (session.folder / page_name(name)).is_file()}
         if open_:
             what = list(dict.fromkeys(row.summary for row in open_))
-            card |= {"why": open_[0].reason, "what": what, "failed": failed.get(name, "")}
+            card |= {"why": open_[0].reason, "what": what, "failed": next(iter(failed.get(name, {}).values()), "")}
         cards.append(empty | card)
     cards += [empty | {"name": n, "waits": shortened(n, lines)} for n, lines in session.waiting.items()]
     return told | {"summary": made.summary, "known": bool(made.estimate or not made.to_run), "experiments": cards}
@@ -56,16 +60,3 @@ def shortened(experiment: str, lines: Iterable[str]) -> list[str]:
     ['session.toml:19: sphere.mass']
     """
     return [line.partition(": to be filled in")[0].replace(f" experiments.{experiment}.", " ", 1) for line in lines]
-
-
-def _failures(session: Session) -> dict[str, str]:
-    """Return the failures of every experiment at its last run, from the log of the runs."""
-    found: dict[str, dict[tuple[Any, Any], str]] = {}
-    for event in events(session):
-        if event.get("event") == "ended":
-            own = found.setdefault(str(event.get("experiment")), {})
-            step = event.get("stage"), event.get("recording")
-            own.pop(step, None)
-            if event.get("state") == "failed":
-                own[step] = f"{event.get('stage')}: {event.get('message')}"
-    return {name: next(iter(own.values())) for name, own in found.items() if own}

@@ -22,6 +22,7 @@ from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config
 from labpipe.workflow.document import counted, dotted, parse, texts_in
+from labpipe.workflow.exclusions import Note
 from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
@@ -30,7 +31,7 @@ from pipelines.app._edits import tree_of
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
-from pipelines.session import COLUMNS, SETTINGS, gap_for, in_unit, library_names, load, remedy, template_of
+from pipelines.session import COLUMNS, SETTINGS, gap_for, in_unit, library_names, load, remedy, template_of, with_note
 
 Told = dict[str, Any]
 _LONGEST = 2000  # characters of a value
@@ -144,10 +145,8 @@ def _restructure(folder: Path, texts: dict[str, str], edit: Any) -> None:
     elif op == "add":
         text = edits.add(text, name, str(edit["key"]), [str(file) for file in edit["names"]])
     elif op == "note":
-        notes = [*tree_of(text)[edits.EXPERIMENTS][name].get("notes", [])]
         said = {key: _one_line(key, edit[key]) for key in ("who", "text")}
-        notes.append({"on": datetime.now().astimezone().date(), **said})
-        text = edits.set_value(text, (edits.EXPERIMENTS, name, "notes"), notes)
+        text = with_note(text, name, Note(on=datetime.now().astimezone().date(), **said))
     elif op == "kind":
         text = _of_kind(texts, name, str(edit["to"]))
     else:
@@ -255,7 +254,10 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
             own = set(kind.proposal.contents) if kind.proposal else set()
             able = [k for k in KINDS.values() if k is kind or (k.proposal and own & set(k.proposal.contents))]
             told["kinds"] = [[each.name, each.title] for each in able]
-        waits = name in waiting or _has_problem(name, table if isinstance(table, dict) else {}, problems)
+        # something is wrong or missing in it, or in a record that it names
+        at, named = dotted(place), [table.get(key) for key in _RECORD_FIELDS] if isinstance(table, dict) else []
+        own_problems = (p for p in problems if re.match(rf"{re.escape(at)}($|[.[])", p["place"]) or p["file"] in named)
+        waits = name in waiting or any(own_problems)
         experiments.append(told | {"waits": waits})
     shown: list[Told] = []
     for name, record in records.items():
@@ -279,6 +281,7 @@ def _fields(
 ) -> Iterator[Told]:
     for place, of, value, is_required in edits.values(kind, table, prefix):
         path = place[len(prefix) :]
+        words = (str(k + 1) if isinstance(k, int) else _SYMBOLS.get(k, k.replace("_", " ")) for k in path)
         if path in (("kind",), ("version",)):
             continue
         bare = split(of)[0]
@@ -294,7 +297,7 @@ def _fields(
             "file": file,
             "place": list(place),
             "dotted": counted(dotted(place)),
-            "label": _label(path),
+            "label": " ".join(word for word in words if word != "values"),
             "text": "" if value is None or is_gap(value) else _as_text(value),
             "files": value if is_files and isinstance(value, list) else None,
             "expected": f"one of {', '.join(library_names())}" if path[-1] == "material" else expected,
@@ -333,22 +336,6 @@ def _suggestions(
     polymer = material_word(name)
     own = [other for other in fits if polymer is not None and material_word(other) == polymer]
     return own or fits
-
-
-def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> bool:
-    """Return whether something is wrong or missing in an experiment, or in a record that it names."""
-    place = dotted((edits.EXPERIMENTS, name))
-    inside, records = (f"{place}.", f"{place}["), [table.get(key) for key in _RECORD_FIELDS]
-    return any(p["place"] == place or p["place"].startswith(inside) or p["file"] in records for p in problems)
-
-
-def _label(path: edits.Place) -> str:
-    words = (
-        f"{key + 1}" if isinstance(key, int) else _SYMBOLS.get(key, key.replace("_", " "))
-        for key in path
-        if key != "values"
-    )
-    return " ".join(words)
 
 
 def _as_text(value: Any) -> str:

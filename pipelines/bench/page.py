@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from typing import Any
 
@@ -60,7 +60,17 @@ def as_document(
 
 def render(results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]) -> str:
     """Return the page of a run; arguments as of :func:`as_document`."""
-    sections = [Section(PARTS[r.name][1].rstrip("."), tuple(_blocks(r)), r.name) for r in results]
+    sections = []
+    for r in results:
+        blocks: list[Block] = []
+        for suite in r.suites:
+            blocks.append(Paragraph(suite.title))
+            if drawable(suite):
+                blocks.append(Picture(draw(suite), f"{suite.title}: {suite.error_label} against {suite.time_label}"))
+            blocks += [table(suite)] * bool(suite.points) + [Notice("info", note) for note in suite.notes]
+        used = number(r.processor_seconds, 3)
+        blocks.append(Paragraph(f"Measured in {number(r.seconds, 3)} s, {used} s of processor time."))
+        sections.append(Section(PARTS[r.name][1].rstrip("."), tuple(blocks), r.name))
     if (compared := ratios([suite for r in results for suite in r.suites])) is not None:
         sections.insert(0, Section("Comparison with other methods", (Paragraph(_EQUAL), compared)))
     if failures:
@@ -80,18 +90,6 @@ def render(results: Sequence[PartResult], failures: Sequence[PartFailure], machi
     )
     sections.append(Section("Method and machine", (Paragraph(_HOW), about)))
     return Document("Accuracy against run time", "labpipe bench", "", sections).render()
-
-
-def _blocks(result: PartResult) -> Iterator[Block]:
-    for suite in result.suites:
-        yield Paragraph(suite.title)
-        if drawable(suite):
-            yield Picture(draw(suite), f"{suite.title}: {suite.error_label} against {suite.time_label}")
-        if suite.points:
-            yield table(suite)
-        yield from (Notice("info", note) for note in suite.notes)
-    used = number(result.processor_seconds, 3)
-    yield Paragraph(f"Measured in {number(result.seconds, 3)} s, {used} s of processor time.")
 
 
 def drawable(suite: Suite) -> list[tuple[int, Point]]:

@@ -7,6 +7,7 @@ Another distribution declares its kind in its ``pyproject.toml``::
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import entry_points
 from types import MappingProxyType
 
@@ -48,7 +49,7 @@ def _gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
                 ordered(kind.stages, kind.settings)
             except InputError as error:
                 problem = str(error)
-        added.append(plugin.left_out(problem) if problem else plugin)
+        added.append(replace(plugin, found=None, problem=problem) if problem else plugin)
         if not problem:
             kinds[kind.name] = kind
             schemas |= {schema.name: schema for schema in kind.schemas}

@@ -188,7 +188,16 @@ def make(
         if state.state != READY:
             progress(state)
     ready = [state for state in found.values() if state.state == READY]
-    shelf, failures = _processed(shelf, ready, jobs)
+    needs = [need for state in ready for need in state.figure.needs]
+    targets = {(name, stage) for need in needs for name in matching(shelf.session, need) for stage in need.stages}
+    to_run, failures = () if shelf.plan is None else shelf.plan.to_run, dict[str, str]()
+    if shelf.session is not None and not targets.isdisjoint((row.experiment, row.stage) for row in to_run):
+        from pipelines import session as verbs
+
+        root, names = shelf.session.root, sorted({name for name, _ in targets})
+        run = verbs.process(root, sorted(f"{n}/{stage}" for n, stage in targets), names, jobs=jobs, keep=None)
+        failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
+        shelf = replace(Shelf.of(shelf.folder, root), with_data=shelf.with_data)
     sent = replace(shelf, folder=shelf.folder.absolute())
     tasks = {s.id: (sent, s, failures) for s in sorted(ready, key=lambda s: s.id not in _LONG)}
     engine = choose(workers if (workers := min(jobs, len(tasks))) > 1 else 0)
@@ -202,24 +211,6 @@ def make(
                 files.write_text(shelf.folder / RECORD, json.dumps(kept, indent=1, sort_keys=True) + "\n")
             progress(found[i])
     return tuple(found.values())
-
-
-def _processed(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
-    """Run the stages behind the figures that have no result, and no other.
-
-    Returned are a shelf with a new plan, and the failures by experiment.
-    """
-    needs = [need for state in ready for need in state.figure.needs]
-    targets = {(name, stage) for need in needs for name in matching(shelf.session, need) for stage in need.stages}
-    to_run = () if shelf.plan is None else shelf.plan.to_run
-    if shelf.session is None or targets.isdisjoint((row.experiment, row.stage) for row in to_run):
-        return shelf, {}
-    from pipelines import session as verbs
-
-    root, names = shelf.session.root, sorted({name for name, _ in targets})
-    run = verbs.process(root, sorted(f"{n}/{stage}" for n, stage in targets), names, jobs=jobs, keep=None)
-    failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
-    return replace(Shelf.of(shelf.folder, root), with_data=shelf.with_data), failures
 
 
 def drawn(shelf: Shelf, state: State, failures: Mapping[str, str]) -> State:

@@ -102,7 +102,14 @@ def springs_and_dashpots(shows: str, *branches: str) -> Drawing:
                 axes.plot([3.0, 4.0], [y, y], **_LINE)
             else:
                 _spring(axes, 0.0, y, f"$E{branch.strip()}$")
-                _dashpot(axes, 2.0, y, f"$\\mu{branch.strip()}$")
+                for along, across in (  # a dashpot
+                    ([2.0, 3.1], [0.0, 0.0]),
+                    ([3.1, 3.1], [-0.2, 0.2]),  # the piston
+                    ([2.65, 3.45, 3.45, 2.65], [0.27, 0.27, -0.27, -0.27]),  # the pot
+                    ([3.45, 4.0], [0.0, 0.0]),
+                ):
+                    axes.plot(along, y + np.array(across), **_LINE)
+                axes.text(3.05, y + 0.34, f"$\\mu{branch.strip()}$", ha="center", va="bottom")
         for x, tip, side in ((0.0, -0.9, "right"), (4.0, 4.9, "left")):
             axes.plot([x, x], [0.0, levels[0]], **_LINE)
             axes.annotate(
@@ -118,18 +125,6 @@ def _spring(axes: Any, x: float, y: float, label: str) -> None:
     zigzag = np.array([0.0, 0.4, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.6, 2.0])
     axes.plot(x + zigzag, y + 0.22 * np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0]), **_LINE)
     axes.text(x + 1.0, y + 0.34, label, ha="center", va="bottom")
-
-
-def _dashpot(axes: Any, x: float, y: float, label: str) -> None:
-    """Draw a dashpot of length 2 from (x, y) to the right."""
-    for along, across in (
-        ([0.0, 1.1], [0.0, 0.0]),
-        ([1.1, 1.1], [-0.2, 0.2]),  # the piston
-        ([0.65, 1.45, 1.45, 0.65], [0.27, 0.27, -0.27, -0.27]),  # the pot
-        ([1.45, 2.0], [0.0, 0.0]),
-    ):
-        axes.plot(x + np.array(along), y + np.array(across), **_LINE)
-    axes.text(x + 1.05, y + 0.34, label, ha="center", va="bottom")
 
 
 def ringing_plate() -> Drawing:

@@ -130,7 +130,7 @@ def _identified(
         alone = replace(problem, evidence=tuple(e for e in problem.evidence if e.is_prior))
         before = identification.posterior(identification.fit(alone))
     said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
-    stated = stated_solid(opened(results.folder), group.experiments[0])
+    stated = stated_solid(opened(results.plan.session.root), group.experiments[0])
     return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), stated)
 
 

@@ -5,9 +5,6 @@ imported when they are first used, so that a plan loads nothing that it does not
 
 Unless their own texts say more, they raise UsageError for a name that there is not, SourceError or ConfigError for a
 session that cannot be opened, and InputError for results that are not there or not up to date.
-
-The room holds more than processing and verdicts: data packages for journals, control charts of many sessions, variants,
-exclusions and notes, values from a laboratory's workbook, and sessions whose results lie elsewhere.
 """
 
 from typing import TYPE_CHECKING

@@ -284,6 +284,10 @@ def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
 
 def _rows(plan: Plan) -> dict[str, Any]:
     """Return the rows of a session: of itself, of its experiments with value and unit of each column, and results."""
+    import numpy as np
+
+    from labpipe.judging import from_json
+
     session, results = plan.session, Results(plan)
     verdicts, waiting = stored_verdicts(results), waiting_verdicts(session)
     experiments: list[tuple[dict[str, Any], list[tuple[str, Any, str]]]] = []
@@ -302,12 +306,16 @@ def _rows(plan: Plan) -> dict[str, Any]:
             found.setdefault(column, (value, unit))
             if u is not None:
                 found.setdefault(f"u_{column}", (u, unit))
-        for row, dataset in ((row, results.up_to_date(row)) for row in rows):
+        for row, dataset in ((row, results.up_to_date(row.task)) for row in rows):
             if dataset is not None:
                 cells |= _calibration(dataset, cells, found)
                 numbers += [(experiment.name, row.stage, row.recording, *v) for v in _values(dataset)]
                 judged = dataset.attrs.get(JUDGEMENT)
-                numbers += [(experiment.name, CHECKS, *v) for v in _ratios(judged)] if judged else []
+                for i, check in enumerate(from_json(judged).checks if judged else ()):  # observed over expected
+                    if np.isfinite(check.log_ratio) and np.isfinite(check.u_log_ratio):
+                        ratio = float(np.exp(check.log_ratio))
+                        own = (check.recording, check.name, i, ratio, ratio * check.u_log_ratio, "1")
+                        numbers.append((experiment.name, CHECKS, *own))
         source = next((str(found[n][0]) for n in ("material_from", "material_file") if n in found), "")
         if source:  # the polymer that the name of a DMA experiment or a file contains, or else that name
             source = source.removeprefix(REFERENCE)
@@ -360,18 +368,6 @@ def _calibration(dataset: xr.Dataset, cells: dict[str, Any], settings: dict[str,
         name = found["serial"] or _DATE.sub("", next((Path(str(place)).stem for place in places), ""))
         made |= {"record": found["id"], "sensor": f"{found['instrument']} {name}".strip()}
     return made
-
-
-def _ratios(judgement: str) -> Iterator[tuple[str, str, int, float, float, str]]:
-    """Yield observed over expected of the checks that compare two sizes: recording, name, and as of a variable."""
-    import numpy as np
-
-    from labpipe.judging import from_json
-
-    for i, check in enumerate(from_json(judgement).checks):
-        if np.isfinite(check.log_ratio) and np.isfinite(check.u_log_ratio):
-            ratio = float(np.exp(check.log_ratio))
-            yield check.recording, check.name, i, ratio, ratio * check.u_log_ratio, "1"
 
 
 def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None, str]]:

@@ -156,10 +156,30 @@ def write_comparison(session: Session, found: Comparison, verdicts: Mapping[str,
         "triangles at the edge farther out."
     )
     chart = [Deviations("Difference over its uncertainty", list(points.items()), caption)] if points else []
+    # values by their deviation, then curves by their error
+    rows.sort(key=lambda r: (r.is_curve, -abs(r.deviation or 0.0), -(r.nrmse or 0.0)))
+    measured, model, difference, units = zip(*map(sides, rows), strict=True) if rows else [()] * 4
+    parts = ([*row.material.split(", "), *row.condition.split(", ")] for row in rows)
+    text = (
+        "The largest deviation first: measured minus model in units of the difference's standard uncertainty, which "
+        "includes that of every input that is stated with one, and of the DMA from which a material is taken; a "
+        "material of the library or of a file counts as exact. Of a curve, nRMSE is the root mean square of the "
+        "difference over the range of the model, and the difference its mean; n counts repeats or points."
+    )
+    table = listed([
+        Listed("deviation", [r.deviation for r in rows], "u", digits=2),
+        Listed("quantity", [_what(r) for r in rows]),
+        Listed("experiment", [r.experiment for r in rows]),
+        # in one cell, so that the table fits a page
+        Listed("of", [", ".join(p.replace(" ", "\N{NO-BREAK SPACE}") for p in own if p) for own in parts]),
+        Listed("measured", measured), Listed("model", model), Listed("difference", difference), Listed("in", units),
+        Listed("nRMSE", [None if r.nrmse is None else 100 * r.nrmse for r in rows], "%", digits=2),
+        Listed("p", [r.p for r in rows], digits=2), Listed("n", [r.n for r in rows]),
+    ])  # fmt: skip
     sections = [
         Section("Answer", (*_summary(found, rows, judged, verdicts), *links, *synthetic_notice(session))),
         Section("Deviations", chart),
-        Section("Comparisons", tuple(_comparisons(rows))),
+        Section("Comparisons", (Paragraph(text), table) if rows else ()),
     ]
     files.write_text(found.page, session_document(session, "Measurement against model", sections))
     write_overview(session, STAGES)
@@ -190,32 +210,6 @@ def _summary(
     for why in dict.fromkeys(found.absent.values()):
         without = ", ".join(name for name, text in found.absent.items() if text == why)
         yield Notice("info", f"{without}: {why}")
-
-
-def _comparisons(rows: Sequence[Row]) -> Iterator[Block]:
-    """List all comparisons: values by their deviation, then curves by their error."""
-    if not rows:
-        return
-    rows = sorted(rows, key=lambda r: (r.is_curve, -abs(r.deviation or 0.0), -(r.nrmse or 0.0)))
-    measured, model, difference, units = zip(*map(sides, rows), strict=True)
-    parts = ([*row.material.split(", "), *row.condition.split(", ")] for row in rows)
-    text = (
-        "The largest deviation first: measured minus model in units of the difference's standard uncertainty, which "
-        "includes that of every input that is stated with one, and of the DMA from which a material is taken; a "
-        "material of the library or of a file counts as exact. Of a curve, nRMSE is the root mean square of the "
-        "difference over the range of the model, and the difference its mean; n counts repeats or points."
-    )
-    yield Paragraph(text)
-    yield listed([
-        Listed("deviation", [r.deviation for r in rows], "u", digits=2),
-        Listed("quantity", [_what(r) for r in rows]),
-        Listed("experiment", [r.experiment for r in rows]),
-        # in one cell, so that the table fits a page
-        Listed("of", [", ".join(p.replace(" ", "\N{NO-BREAK SPACE}") for p in own if p) for own in parts]),
-        Listed("measured", measured), Listed("model", model), Listed("difference", difference), Listed("in", units),
-        Listed("nRMSE", [None if r.nrmse is None else 100 * r.nrmse for r in rows], "%", digits=2),
-        Listed("p", [r.p for r in rows], digits=2), Listed("n", [r.n for r in rows]),
-    ])  # fmt: skip
 
 
 def _what(row: Row) -> str:

@@ -208,7 +208,7 @@ def export_results(results: Results, stages: Sequence[str], experiments: Sequenc
             f"{session.root}: none of {len(rows)} wanted results is there and up to date; "
             f"run: labpipe process {session.root}"
         )
-    verdicts = stored_verdicts(opened(results.folder))
+    verdicts = stored_verdicts(opened(results.plan.session.root))
     for row in ready:
         dataset = results.result(*row.task)
         excluded = "; ".join(map(str, exclusions(session.experiments[row.experiment].settings)))

@@ -199,7 +199,7 @@ def rows_of(results: Results, experiments: Iterable[str] = ()) -> list[Row]:
 
 def frame(results: Results, rows: Iterable[Row]) -> pd.DataFrame:
     """Return one line for each quantity, in SI, with the verdict on its experiment; texts are on one line."""
-    verdicts = stored_verdicts(opened(results.folder))
+    verdicts = stored_verdicts(opened(results.plan.session.root))
     cells = [
         {title: getattr(r, name) for title, name in _FIELDS.items()}
         | ({n: getattr(verdicts[r.experiment], n) for n in ("believable", "model")} if r.experiment in verdicts else {})

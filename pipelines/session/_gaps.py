@@ -2,7 +2,7 @@
 
 import re
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -145,7 +145,13 @@ def filled(texts: Mapping[str, str], ask: Callable[[Gap], str | None]) -> dict[s
     while left:
         questions: dict[tuple[str, ...], list[tuple[str, Gap]]] = {}
         for name, gap in left:
-            material = _specimen(lines[name], gap)
+            material = ""  # of the table of a gap that belongs to a specimen, where it is stated
+            if gap.key in _OF_SPECIMEN:
+                is_head = [_TABLE.match(line.strip()) is not None for line in lines[name]]
+                first = max((i for i in range(gap.line) if is_head[i]), default=0)
+                last = next((i for i in range(gap.line, len(is_head)) if is_head[i]), len(is_head))
+                stated = next(filter(None, map(_MATERIAL.match, lines[name][first:last])), None)
+                material = "" if stated is None else material_word(stated[1]) or stated[1]
             key = (name, material, gap.table.rpartition(".")[2], gap.key) if material else (name, str(gap.line))
             questions.setdefault(key, []).append((name, gap))
         (_, material, *_), alike = next(iter(questions.items()))
@@ -166,17 +172,6 @@ def filled(texts: Mapping[str, str], ask: Callable[[Gap], str | None]) -> dict[s
                 is_none = answer == NONE and one.may_be_left_out
                 lines[name][one.line - 1] = f"# {one.key}: there is none\n" if is_none else new
     return {name: "".join(of_file) for name, of_file in lines.items()}
-
-
-def _specimen(lines: Sequence[str], gap: Gap) -> str:
-    """Return the material of the table of a gap that belongs to a specimen; "" of others and where it is not known."""
-    if gap.key not in _OF_SPECIMEN:
-        return ""
-    is_head = [_TABLE.match(line.strip()) is not None for line in lines]
-    first = max((i for i in range(gap.line) if is_head[i]), default=0)
-    last = next((i for i in range(gap.line, len(lines)) if is_head[i]), len(lines))
-    stated = next(filter(None, map(_MATERIAL.match, lines[first:last])), None)
-    return "" if stated is None else material_word(stated[1]) or stated[1]
 
 
 def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from labpipe.frames import FrameSource
 
-_BAND = 2.0  # standard uncertainties, about 95 %
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class OpenSession(ShownAsTable):
@@ -75,7 +73,7 @@ class OpenSession(ShownAsTable):
         *,
         ax: Axes | None = None,
     ) -> Axes:
-        """Draw one variable of a result over its dimension, shaded within two standard uncertainties; return the axes.
+        """Draw one variable of a result over its dimension, shaded within its 95 % interval; return the axes.
 
         Parameters
         ----------
@@ -88,6 +86,8 @@ class OpenSession(ShownAsTable):
             By default that of a new figure.
         """
         import matplotlib.pyplot as plt
+
+        from labpipe.report import SURE
 
         kind, axis, scale = KINDS[self._named(experiment).kind], None, "linear"
         if stage is None:
@@ -109,7 +109,7 @@ class OpenSession(ShownAsTable):
         line, *_ = curve.plot.line(ax=axes, x=axis or curve.dims[0], add_legend=False, **each)
         axes.set(xscale=scale, yscale=scale)
         if (u := found.get(f"u_{variable}")) is not None and u.shape == curve.shape:
-            low, high = curve.values - _BAND * u.values, curve.values + _BAND * u.values
+            low, high = curve.values - SURE * u.values, curve.values + SURE * u.values
             axes.fill_between(line.get_xdata(), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)
         return axes
 

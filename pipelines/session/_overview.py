@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.arrays import Floats
-    from labpipe.report import Block, LineChart, Link, Listed, Notice, Picture as Image, ScatterChart, Table
+    from labpipe.report import Block, Link, Listed, Notice, Picture as Image, Table
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -100,7 +100,10 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         numbers = [key_numbers(results, name) for name in names]
         columns = []
         for title, unit in dict.fromkeys((title, one[title][2]) for one in numbers for title in one):
-            gaps = (_absent(results, name, title) for name in names)
+            # why there is none although the result is there; else the state says it
+            of_title = [number for number in experiments.KINDS[kind].key_numbers if number.title == title]
+            there = ([n.absent for n in of_title if results.first(name, n.stage) is not None] for name in names)
+            gaps = [next(iter(absent), None) for absent in there]
             found = [one.get(title, (gap, None, "")) for one, gap in zip(numbers, gaps, strict=True)]
             values, us, _ = zip(*found, strict=True)
             columns.append(Listed(title, values, unit, us if any(us) else None))
@@ -123,13 +126,6 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
     return Document(session.title, about, "synthetic data" if session.synthetic else "", tuple(sections)).render()
 
 
-def _absent(results: Results, name: str, title: str) -> str | None:
-    """Return why an experiment has no key number although its result is there; else its state says it."""
-    kind = experiments.KINDS[results.experiments[name].kind]
-    numbers = (number for number in kind.key_numbers if number.title == title)
-    return next((one.absent for one in numbers if results.first(name, one.stage) is not None), None)
-
-
 def experiments_table(
     entries: "Sequence[tuple[Any, Link, Notice]]", columns: "Sequence[Listed]", caption: str
 ) -> "Table":
@@ -142,7 +138,9 @@ def experiments_table(
 
 
 def _row(results: Results, name: str, verdict: Verdict | None) -> "tuple[Image | None, Link, Notice]":
-    from labpipe.report import Level, Link, Notice, Picture, thumbnail
+    import numpy as np
+
+    from labpipe.report import Level, LineChart, Link, Notice, Picture, ScatterChart, Series, thumbnail
     from pipelines.session._verdict_notices import judgement
 
     plan, experiment = results.plan, results.experiments[name]
@@ -167,7 +165,16 @@ def _row(results: Results, name: str, verdict: Verdict | None) -> "tuple[Image |
     remark = "; ".join(filter(None, (experiment.base and f"variant of {experiment.base}", unreadable)))
     link = Link(name, page_name(name) if has_page else "", remark)
     source = experiments.KINDS[experiment.kind].picture
-    chart = None if source is None else _chart(results.first(name, source.stage), source)
+    dataset = None if source is None else results.first(name, source.stage)
+    chart: LineChart | ScatterChart | None = None  # the main curve, or a loop for each frequency
+    if source is not None and (found := curve(dataset, source)) is not None:
+        scale: Any = source.scale
+        chart = LineChart("", source.x, source.y, [Series(source.y, *found)], x_scale=scale, y_scale=scale)
+    elif source is not None and dataset is not None and source.x in dataset.variables and dataset[source.x].ndim > 1:
+        both = np.stack([dataset[source.x], dataset[source.y]], 1)
+        loops = [values[:, np.isfinite(values.sum(0))] for values in both]
+        series = [Series(str(i), *one) for i, one in enumerate(loops) if one.size]
+        chart = ScatterChart("", source.x, source.y, series)
     return None if chart is None else Picture(thumbnail(chart), ""), link, Notice(level, state)
 
 
@@ -189,21 +196,6 @@ def curve(dataset: "xr.Dataset | None", source: Picture) -> "tuple[Floats, Float
         first = next((slice(a, b) for a, b in edges if b - a > _LEAST_STRETCH), slice(None))
         x, y = x[first], y[first]
     return (x, y) if np.count_nonzero(np.isfinite(y)) > 1 else None
-
-
-def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | ScatterChart | None":
-    """Draw the main curve of an experiment, or a loop for each frequency."""
-    import numpy as np
-
-    from labpipe.report import LineChart, ScatterChart, Series
-
-    if (found := curve(dataset, source)) is not None:
-        scale: Any = source.scale
-        return LineChart("", source.x, source.y, [Series(source.y, *found)], x_scale=scale, y_scale=scale)
-    if dataset is None or source.x not in dataset.variables or dataset[source.x].ndim < 2:
-        return None
-    loops = [values[:, np.isfinite(values.sum(0))] for values in np.stack([dataset[source.x], dataset[source.y]], 1)]
-    return ScatterChart("", source.x, source.y, [Series(str(i), *one) for i, one in enumerate(loops) if one.size])
 
 
 def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:

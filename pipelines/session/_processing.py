@@ -20,7 +20,7 @@ from labpipe.workflow.graph import FILE
 from labpipe.workflow.plan import Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
-from labpipe.workflow.watch import LOOKS, Settling, Watcher
+from labpipe.workflow.watch import LOOKS, Watcher
 from pipelines.experiments import JUDGEMENT, KINDS, Derived, function
 from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, load, needed, opened, reopen_session
@@ -298,7 +298,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
         _finish(load(session.root, may_wait=True), done, None)
         return done
 
-    return Watcher(Path(folder), SETTINGS, STAGES, _missing_part, run_one, Settling(looks), fill=fill)
+    return Watcher(Path(folder), SETTINGS, STAGES, _missing_part, run_one, looks, fill=fill)
 
 
 def _missing_part(experiment: Experiment, path: Path) -> str | None:

@@ -121,8 +121,7 @@ def publish(
                 files.write_bytes(folder / "pages" / page, (found.folder / page).read_bytes())
         if anonymous:
             shutil.rmtree(found.folder)
-        _write_texts(found, folder)
-        _write_crate(found, folder)
+        _describe(found, folder)
         held = {p.relative_to(folder).as_posix(): p for p in files.files_below(folder)}
         files.write_text(folder / SUMS, "".join(f"{files.digest(p)}  {name}\n" for name, p in held.items()))
         sizes = {name: (folder / name).stat().st_size for name in (*held, SUMS)}
@@ -198,8 +197,11 @@ def _strike(session: Session, folder: Path) -> list[str]:
     return list(dict.fromkeys(struck))
 
 
-def _write_texts(session: Session, folder: Path) -> None:
-    """Write methods, references and the lock of the environment."""
+def _describe(session: Session, folder: Path) -> None:
+    """Write methods, references, the lock of the environment, and an RO-Crate of every file, which is read back."""
+    from rocrate.model import ContextEntity, Person, SoftwareApplication
+    from rocrate.rocrate import ROCrate
+
     parts = [f"# Methods: {session.title}\n"]
     for name in session.experiments:
         page = folder / "pages" / page_name(name)
@@ -211,12 +213,6 @@ def _write_texts(session: Session, folder: Path) -> None:
     head = f"# Python {platform.python_version()}, {platform.system()} {platform.machine()}\n"
     lock = sorted({f"{d.name}=={d.version}\n" for d in importlib.metadata.distributions()}, key=str.lower)
     files.write_text(folder / "requirements.txt", head + "".join(lock))
-
-
-def _write_crate(session: Session, folder: Path) -> None:
-    """Describe the package and every file in it as an RO-Crate, and read the description back."""
-    from rocrate.model import ContextEntity, Person, SoftwareApplication
-    from rocrate.rocrate import ROCrate
 
     def entity(identifier: str, kind: str, /, **properties: Any) -> Any:
         return crate.add(ContextEntity(crate, identifier, properties={"@type": kind, **properties}))

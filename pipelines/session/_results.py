@@ -12,7 +12,7 @@ from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.graph import arguments
 from labpipe.workflow.plan import READY, page_name, plan as make_plan
-from labpipe.workflow.results import Results, open_result
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS, Derived, function
 from pipelines.session._stated import fill
@@ -99,7 +99,8 @@ def result(folder: str | Path, experiment: str, stage: str | None = None, record
         stages = STAGES[session.experiments[experiment].kind]
         known = ", ".join(one.name for one in stages if one.output == "dataset")
         raise UsageError(f"name a stage of {experiment}: {known}; results({str(folder)!r}, {experiment!r}) has all")
-    return open_result(session, STAGES, experiment, stage or "", recording)
+    made = make_plan(session, STAGES, [f"{experiment}/{stage or ''}"], [experiment], keep=None)
+    return Results(made).result(experiment, stage or "", recording)
 
 
 def results(folder: str | Path, experiment: str | None = None) -> xr.DataTree:

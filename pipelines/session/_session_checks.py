@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, log
 from pathlib import Path
@@ -51,13 +51,14 @@ _Owned = Iterator[tuple[str, "Finding"]]
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A file that an experiment names: the setting, the name as written, and the file."""
+    """A file that an experiment names: the setting, the name as written, the file, and the line of session.toml."""
 
     experiment: str
     kind: str
     setting: str
     name: str
     path: Path
+    line: int | None
 
 
 def session_findings(session: Session) -> dict[str, list[Finding]]:
@@ -73,21 +74,10 @@ def session_findings(session: Session) -> dict[str, list[Finding]]:
 def named_files(session: Session) -> list[Named]:
     """Return every file and folder that the settings name, in the order of the session."""
     return [
-        Named(e.name, e.kind, setting, name, session.files / name)
+        Named(e.name, e.kind, at, name, session.files / name, e.lines.get(at, e.lines.get(_field(at))))
         for e in session.experiments.values()
-        for setting, name in files_of(e.settings)
+        for at, name in files_of(e.settings)
     ]
-
-
-def named_at(session: Session) -> Mapping[str, int]:
-    """Return the line of session.toml that names each file, by the name as it is written."""
-    found: dict[str, int] = {}
-    for named in named_files(session):
-        lines = session.experiments[named.experiment].lines
-        line = lines.get(named.setting, lines.get(_field(named.setting)))
-        if line is not None:
-            found.setdefault(named.name, line)
-    return found
 
 
 def stated_as_exact(session: Session) -> dict[str, list[str]]:
@@ -229,23 +219,20 @@ def _unusual(session: Session, name: str) -> Iterator[tuple[str, Quantity, Quant
 
     Each is setting, own and usual value, and the experiments that state the usual one.
     """
-    stated = {e.name: _stated(e) for e in session.experiments.values()}
-    for setting, own in stated.pop(name, {}).items():
+    stated: list[tuple[str, str, Quantity]] = []
+    for e in session.experiments.values():
+        given = [(s, v) for s, v, _ in every_setting(e.settings) if s in e.lines]  # a default has no line
+        tables = {s.rpartition(".")[0] for s, v in given if isinstance(v, Quantity)} - {""}
+        for setting, value in given:
+            if isinstance(value, Quantity):
+                stated.append((e.name, setting, value))
+            elif type(value) is int and setting.rpartition(".")[0] in tables:  # a count, such as of tips
+                stated.append((e.name, setting, Quantity(float(value), 0.1, "1")))
+    for setting, own in [(s, v) for n, s, v in stated if n == name]:
         place = _field(setting).split(".")[-2:]
-        others = [
-            (e, v) for e, values in stated.items() for s, v in values.items() if _field(s).split(".")[-2:] == place
-        ]
+        others = [(n, v) for n, s, v in stated if n != name and _field(s).split(".")[-2:] == place]
         if (usual := _usual(own, others)) is not None:
-            yield setting, own, usual[1], list(dict.fromkeys(e for e, v in others if _is_same(usual[1], v)))
-
-
-def _stated(experiment: Experiment) -> dict[str, Quantity]:
-    """Return the quantities that an experiment states, and counts beside them, such as tips: those differ by one."""
-    given = [(s, v) for s, v, _ in every_setting(experiment.settings) if s in experiment.lines]  # a default has no line
-    found = {s: v for s, v in given if isinstance(v, Quantity)}
-    tables = {s.rpartition(".")[0] for s in found} - {""}
-    counts = {s: Quantity(float(v), 0.1, "1") for s, v in given if type(v) is int and s.rpartition(".")[0] in tables}
-    return found | counts
+            yield setting, own, usual[1], list(dict.fromkeys(n for n, v in others if _is_same(usual[1], v)))
 
 
 def _mistyped(session: Session) -> _Owned:

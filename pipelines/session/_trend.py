@@ -7,7 +7,7 @@ expected, for each sensor: free-fall acceleration seen by a laser shows the lase
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,7 +42,7 @@ from pipelines.session._catalogue import CHECKS, KEYS, PAGE as CATALOGUE_PAGE, T
 if TYPE_CHECKING:
     from labpipe.arrays import Floats
 
-RARE = 0.0027
+RARE = math.erfc(3.0 / math.sqrt(2.0))
 """Probability of a value beyond three standard deviations, as the limits of a control chart have it."""
 GROUPS = {"record": "calibration record", "operator": "operator", "specimen": "specimen"}
 _OTHER_TEMPERATURE = 10.0
@@ -215,7 +215,7 @@ def control_charts(points: pd.DataFrame) -> tuple[ControlChart, ...]:
 
 def _chart(own: pd.DataFrame) -> ControlChart:
     """Make a chart of the values of one quantity, an experiment each."""
-    from scipy.stats import linregress
+    from scipy.stats import f_oneway, linregress
 
     own = own.fillna({"operator": "", "record": ""})
 
@@ -233,7 +233,21 @@ def _chart(own: pd.DataFrame) -> ControlChart:
     first = own.iloc[0]
     sigma, u = float(np.abs(np.diff(value)).mean()) * math.sqrt(math.pi) / 2.0, math.sqrt((table["u"] ** 2).mean())
     title = ", ".join(part for part in (first["quantity"], first["chart"]) if part)
-    groups = dict(_groups(own, table, slope * elapsed if p < RARE else 0.0 * elapsed))
+    # means compared: of sessions by record and, less the drift, operator; of experiments by specimen in their session
+    line = slope * elapsed if p < RARE else 0.0 * elapsed
+    sets = {
+        "record": (table["record"], table["value"]),
+        "operator": (table["operator"], table["value"] - line + line.mean()),
+        "specimen": (
+            own["specimen"],
+            own["value"] - own["session"].map(table.set_index("session")["value"]) + table["value"].mean(),
+        ),
+    }
+    groups = {}
+    for by, (names, values) in sets.items():
+        parts = {str(name): part.to_numpy(float) for name, part in values.groupby(names.to_numpy(), sort=False)}
+        if 1 < len(parts) < len(values) and any(np.ptp(part) > 0.0 for part in parts.values()):
+            groups[by] = float(f_oneway(*parts.values()).pvalue), {n: float(part.mean()) for n, part in parts.items()}
     about = (first["owner"], title, first["unit"], bool(first["is_ratio"]))
     return ControlChart(*about, table, float(value.mean()), sigma, u, slope, p, groups)
 
@@ -243,31 +257,13 @@ def _elapsed(days: pd.Series[str]) -> Floats:
     return np.asarray((dates - dates[0]).astype(float))
 
 
-def _groups(
-    own: pd.DataFrame, table: pd.DataFrame, line: Floats
-) -> Iterator[tuple[str, tuple[float, dict[str, float]]]]:
-    """Compare means: sessions by record and, less the drift, operator; experiments by specimen within their session."""
-    from scipy.stats import f_oneway
-
-    within = own["value"] - own["session"].map(table.set_index("session")["value"]) + table["value"].mean()
-    sets = {
-        "record": (table["record"], table["value"]),
-        "operator": (table["operator"], table["value"] - line + line.mean()),
-        "specimen": (own["specimen"], within),
-    }
-    for by, (names, values) in sets.items():
-        parts = {str(name): part.to_numpy(float) for name, part in values.groupby(names.to_numpy(), sort=False)}
-        if 1 < len(parts) < len(values) and any(np.ptp(part) > 0.0 for part in parts.values()):
-            yield by, (float(f_oneway(*parts.values()).pvalue), {n: float(part.mean()) for n, part in parts.items()})
-
-
 _TIED = "\N{NO-BREAK SPACE}"  # a sign stays with its number
 _METHOD = (
     "Each point is one session: the mean of its experiments with the mean of their standard uncertainties. Centre "
     "line: mean of all sessions. Band: three standard deviations of the individuals, estimated from the mean moving "
     "range of successive sessions (MR × √π / 2), which a slow drift does not widen. Outer lines: three times the "
     "stated standard uncertainty (root mean square). A drift is a least-squares slope whose probability by chance, "
-    f"over all charts together, is below {RARE:g}. Groups are compared by analysis of variance. Ratios are those of "
+    f"over all charts together, is below {RARE:.2g}. Groups are compared by analysis of variance. Ratios are those of "
     "the checks, observed over expected, by the sensor that observed them. (D. C. Montgomery, Introduction to "
     "Statistical Quality Control, chapter 6.)"
 )
@@ -294,7 +290,15 @@ def trend_page(found: Trend, opened: Opened) -> str:
     for is_ratio, owner in dict.fromkeys((c.is_ratio, c.owner) for c in charts):
         own = [_drawn(c) for c in charts if (c.is_ratio, c.owner) == (is_ratio, owner) and c is not worst]
         sections += [Section(f"{owner}: observed over expected" if is_ratio else owner, own)] if own else []
-    sections.append(Section("By calibration record, operator and specimen", list(_comparisons(charts))))
+    of_groups = sorted(((c, by, *c.groups[by]) for c in charts for by in c.groups), key=lambda row: row[2])
+    notices = list[Block]()
+    for c, by, p, means in (row for row in of_groups if row[2] < RARE / len(of_groups)):
+        ends = {"lowest": min(means, key=means.__getitem__), "highest": max(means, key=means.__getitem__)}
+        shown = [f"{word} {n or 'not stated'} ({quantity(means[n], c.unit, 5)})" for word, n in ends.items()]
+        text = f"{c.owner}, {c.title}: differs by {GROUPS[by]}, {', '.join(shown)}, {chance(p)}."
+        notices.append(Notice("warning", text))
+    alike = Notice("ok", "No quantity differs between calibration records, operators or specimens.")
+    sections.append(Section("By calibration record, operator and specimen", notices or [alike]))
     sections.append(Section("Method", [Paragraph(_METHOD, copyable=True)]))
     days = sorted({day for c in charts for day in c.points["day"]})
     badge = SYNTHETIC if opened.select("sessions", "NOT coalesce(synthetic, 0)").empty else ""
@@ -350,14 +354,3 @@ def _drawn(chart: ControlChart) -> LineChart:
     caption = f"{chart.drift}. " * chart.is_drifting + (f"Outside: {outside}." if outside else "")
     titles = (chart.title, "first day of the session", label)
     return LineChart(*titles, series, "days", "day", vlines=marks, caption=caption.strip(), height_px=240)
-
-
-def _comparisons(charts: Sequence[ControlChart]) -> Iterator[Block]:
-    found = sorted(((c, by, *c.groups[by]) for c in charts for by in c.groups), key=lambda row: row[2])
-    differing = [row for row in found if row[2] < RARE / len(found)]
-    for c, by, p, means in differing:
-        ends = {"lowest": min(means, key=means.__getitem__), "highest": max(means, key=means.__getitem__)}
-        shown = [f"{word} {n or 'not stated'} ({quantity(means[n], c.unit, 5)})" for word, n in ends.items()]
-        yield Notice("warning", f"{c.owner}, {c.title}: differs by {GROUPS[by]}, {', '.join(shown)}, {chance(p)}.")
-    if not differing:
-        yield Notice("ok", "No quantity differs between calibration records, operators or specimens.")

@@ -24,21 +24,20 @@ from labpipe.judging import Finding
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.text import survey
 from labpipe.workflow.code import behind
-from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.document import parse
 from labpipe.workflow.fields import REFERENCE, every_setting
-from labpipe.workflow.graph import Stage, arguments
+from labpipe.workflow.graph import Stage, TaskId
 from labpipe.workflow.plan import READY
+from labpipe.workflow.provenance import context_of
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
-from pipelines.session._results import STAGES, opened
+from pipelines.session._results import opened
 from pipelines.session._session_checks import (
     SEVERAL,
     TWO_VALUES,
-    named_at,
     named_files,
     of_record,
     session_findings,
@@ -48,6 +47,7 @@ from pipelines.session._session_checks import (
 
 if TYPE_CHECKING:
     from labpipe.judging import Judgement
+    from labpipe.workflow.context import Outcome
     from labpipe.workflow.results import RunResult
 
 WAITING = "waiting"
@@ -132,9 +132,9 @@ def _documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:
 def verdicts_of(run: RunResult) -> Verdicts:
     """Return the verdicts on the experiments that a run has processed."""
     session = run.session
-    failures: dict[str, list[Failed]] = {outcome.experiment: [] for outcome in run.outcomes}
-    for o in run.failures:
-        failures[o.experiment].append(Failed(o.stage, o.recording, o.message, o.is_of_run, o.reason))
+    failures: dict[str, list[Outcome]] = {outcome.experiment: [] for outcome in run.outcomes}
+    for outcome in run.failures:
+        failures[outcome.experiment].append(outcome)
     known = stored_verdicts(opened(session.root) if run.plan is None else Results(run.plan), failures)
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
     return Verdicts(session.root, (*found, *waiting_verdicts(session).values()), tuple(unused_files(session)))
@@ -160,7 +160,7 @@ def waiting_verdicts(session: Session) -> dict[str, Verdict]:
 
 
 def stored_verdicts(
-    results: Results, failures: Mapping[str, Sequence[Failed]] = MappingProxyType({})
+    results: Results, failures: Mapping[str, Sequence[Outcome]] = MappingProxyType({})
 ) -> dict[str, Verdict]:
     """Return the verdicts of a session that are there and up to date, and those on experiments with ``failures``.
 
@@ -179,7 +179,7 @@ def stored_verdicts(
     kept = {name: one for name, one in kept.items() if marks.get(name) == one[0]}
     for name in (name for name in session.experiments if name not in kept):
         failed = failures.get(name, ())
-        if name in judged and (result := results.up_to_date(judged[name])) is not None:
+        if name in judged and (result := results.up_to_date(judged[name].task)) is not None:
             made.append(_of_result(session, session.experiments[name], "done", result))
             lasting.add(name)
         elif name in failures:
@@ -222,10 +222,9 @@ def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False)
     return _with_session(results, [_one(results, results.experiments[experiment], ())])[0]
 
 
-def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
+def _one(results: Results, experiment: Experiment, failed: Sequence[Outcome]) -> Verdict:
     """Return the verdict on an experiment by the results that there are."""
-    session, failed = results.plan.session, tuple(failures)
-    name, kind, state = experiment.name, experiment.kind, "failed" if failed else "done"
+    session, name, kind, state = results.plan.session, experiment.name, experiment.kind, "failed" if failed else "done"
     stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
     if stage is None:
         return Verdict(name, kind, state, "unknown", "none")
@@ -242,25 +241,11 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
     return _of_result(session, experiment, state, result)
 
 
-def _judged(results: Results, experiment: Experiment, stage: Stage, failed: tuple[Failed, ...], **more: Any) -> Any:
+def _judged(results: Results, experiment: Experiment, stage: Stage, failed: Sequence[Outcome], **more: Any) -> Any:
     """Judge an experiment anew by the results that there are; None takes the place of those that are not."""
-    session = results.plan.session
-
-    def tolerant(slot: Any) -> Any:
-        try:
-            return session.files / slot if isinstance(slot, str) else results.result(*slot)
-        except LabpipeError:
-            return None
-
-    given = [a.arranged(tolerant) for a in arguments(session, STAGES, experiment, stage.inputs)]
-    stated = (session.title, session.operator, session.notes, session.synthetic)
-    store, warned = Store(session.folder), list[Warned]()
-    for row in (row for row in results.plan.rows if row.experiment == experiment.name):
-        value = results.plan.keys[row.task].value
-        record = None if value is None else store.record(value)
-        warnings = () if record is None else record.warnings
-        warned += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
-    context = Context(experiment.name, experiment.kind, *stated, warnings=tuple(warned), failures=failed)
+    plan, name = results.plan, TaskId(experiment.name, stage.name)
+    given = results.values(plan.tasks[name].arguments, may_lack=True)
+    context = context_of(plan, Store(plan.session.folder), name, failed)
     return function(stage.function)(*given, settings=experiment.settings, context=context, **more)
 
 
@@ -287,8 +272,8 @@ def placed(session: Session, experiment: Experiment, finding: Finding) -> Findin
         with contextlib.suppress(LabpipeError, KeyError):
             line = parse(session.path(finding.file)).line(tuple(finding.setting.split(".")))
     if line is None:
-        named = named_at(session).get(finding.file)
-        return finding if named is None else replace(finding, value=f"named in {FILE_NAME}:{named}")
+        at = next((one.line for one in named_files(session) if one.line and one.name == finding.file), None)
+        return finding if at is None else replace(finding, value=f"named in {FILE_NAME}:{at}")
     text, path, encoding = "", session.path(finding.file), "utf-8"
     with contextlib.suppress(LabpipeError):
         encoding = survey(path).encoding
@@ -299,9 +284,22 @@ def placed(session: Session, experiment: Experiment, finding: Finding) -> Findin
 
 def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
     """Add the findings of the session as a whole to the verdicts on its experiments, and its suspects."""
-    made, session = list(verdicts), results.plan.session
+    made, session, common, differ = list(verdicts), results.plan.session, "", set[str]()
     found = session_findings(session) if made else {}
-    common = _in_common(results) if any(one.model == "differs" for one in made) else {}
+    if any(one.model == "differs" for one in made):
+        # an experiment or a record that all that differ name, and no other that agrees
+        rows = (row for row in results.plan.rows if row.stage == JUDGEMENT)
+        found_by = ((row.experiment, results.up_to_date(row.task)) for row in rows)
+        model = {name: result.attrs["model"] for name, result in found_by if result is not None}
+        differ = {name for name, word in model.items() if word == "differs"}
+        users: dict[str, set[str]] = {}
+        for name in (name for name, word in model.items() if word in ("agrees", "differs")):
+            texts = (text for _, text, _ in every_setting(results.experiments[name].settings) if isinstance(text, str))
+            for text in (text for text in texts if text.startswith(REFERENCE) or "/" in text):
+                users.setdefault(text.removeprefix(REFERENCE), set()).add(name)
+        named = " or ".join(sorted(text for text, some in users.items() if some == differ))
+        if named and len(differ) >= SEVERAL:
+            common = f"all {len(differ)} experiments that name {named} differ and no other: it is probably wrong itself"
     for i, one in enumerate(made):
         experiment = session.experiments[one.experiment]
         more = [placed(session, experiment, f) for f in found.get(one.experiment, ())]
@@ -311,7 +309,8 @@ def _with_session(results: Results, verdicts: Iterable[Verdict]) -> tuple[Verdic
         believable = "doubtful" if is_worse else one.believable
         suspects, findings = one.suspects, (*one.findings, *extra)
         if one.model == "differs":
-            suspects = (*common.get(one.experiment, ()), *_suspects(results, experiment, one))
+            is_of_all = common and one.experiment in differ
+            suspects = (*([common] if is_of_all else ()), *_suspects(results, experiment, one))
         made[i] = replace(one, believable=believable, findings=findings, suspects=suspects)
     return tuple(made)
 
@@ -325,7 +324,7 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
 
     stage = next(s for s in KINDS[experiment.kind].stages if s.name == JUDGEMENT)
     rows = [row for row in results.plan.rows if row.stage == _CURVE and row.experiment not in experiment.refers_to]
-    curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row)) is not None}
+    curves = {row.experiment: curve for row in rows if (curve := results.up_to_date(row.task)) is not None}
     result = results.first(experiment.name, JUDGEMENT)
     if curves and hasattr(function(stage.function), "inputs"):  # made by judging(), which takes others
         with contextlib.suppress(Exception):  # of foreign code: the suspects of the experiment itself remain
@@ -340,19 +339,3 @@ def _suspects(results: Results, experiment: Experiment, one: Verdict) -> tuple[s
     unusual = unusual_values(results.plan.session, experiment.name)
     is_explained = result is None or result.attrs.get("is_explained", 1)  # one of earlier code may be kept
     return (*told, *unusual) if is_explained else (*unusual, *told)
-
-
-def _in_common(results: Results) -> dict[str, tuple[str]]:
-    """Name to experiments that differ an experiment or a record that all of them name, and no other that agrees."""
-    judged = {r.experiment: one for r in results.plan.rows if r.stage == JUDGEMENT and (one := results.up_to_date(r))}
-    differ = {name for name, one in judged.items() if one.attrs["model"] == "differs"}
-    users: dict[str, set[str]] = {}
-    for name in (name for name, one in judged.items() if one.attrs["model"] in ("agrees", "differs")):
-        texts = (text for _, text, _ in every_setting(results.experiments[name].settings) if isinstance(text, str))
-        for text in (text for text in texts if text.startswith(REFERENCE) or "/" in text):
-            users.setdefault(text.removeprefix(REFERENCE), set()).add(name)
-    common = sorted(text for text, some in users.items() if some == differ)
-    if len(differ) < SEVERAL or not common:
-        return {}
-    text = f"all {len(differ)} experiments that name {' or '.join(common)} differ and no other: it is probably wrong"
-    return dict.fromkeys(differ, (f"{text} itself",))

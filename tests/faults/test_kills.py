@@ -31,7 +31,7 @@ def dataset(value: float, size: int = 50) -> xr.Dataset:
 
 
 WRITERS: dict[str, Callable[[Path, float], None]] = {
-    "chunks": lambda path, value: files.write_chunks(path, 9, [str(value).encode()] * 3),
+    "chunks": lambda path, value: files.write_bytes(path, [str(value).encode()] * 3, 9),
     "dataset": lambda path, value: files.write_dataset(path, dataset(value)),
 }
 

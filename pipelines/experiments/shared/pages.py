@@ -203,14 +203,13 @@ def _notices(context: Context) -> Iterator[Block]:
     if context.kept:
         text = "Results of earlier code were kept as they are; what follows from them may differ from what this "
         yield Notice("warning", f"{text}version of labpipe gives. `labpipe process` makes them again.")
-        alike = dict.fromkeys(f"{kept.stage}: {kept.reason}" for kept in context.kept)
-        yield Details("Results of earlier code", text="\n".join(alike))
+        yield Details("Results of earlier code", text="\n".join(": ".join(one) for one in context.kept.items()))
 
 
 def _problems(context: Context) -> Section:
     """Name every error and warning of the steps, so that a missing section is explained; also that there are none."""
     own = [f for f in context.failures if not f.is_consequence]
-    blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
+    blocks = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.message}") for f in own]
     if missing := ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence)):
         blocks.append(Notice("info" if own else "error", f"Not made without what failed before: {missing}."))
     alike: dict[str, list[Warned]] = {}

@@ -14,7 +14,7 @@ from labpipe.workflow import code
 from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage, TaskId
 from labpipe.workflow.plan import Plan, plan
-from labpipe.workflow.results import RunResult, open_result
+from labpipe.workflow.results import Results, RunResult
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import LOG
@@ -42,7 +42,7 @@ def double(found, *, settings):
 
 
 def page(found, doubled, *, settings, context):
-    kept = [f"{{k.stage}}: {{k.reason}}" for k in context.kept]
+    kept = [f"{{stage}}: {{reason}}" for stage, reason in context.kept.items()]
     return f"<!doctype html>{{float(found.z)}} {{float(doubled.z)}} kept {{kept}}"
 """
 
@@ -96,7 +96,7 @@ class Laboratory:
         return {row.stage: (row.state, row.reason) for row in made.rows}
 
     def value(self, stage: str = "double") -> float:
-        return float(open_result(self.session, self.stages, "a", stage)["z"])
+        return float(Results(plan(self.session, self.stages, keep=None)).result("a", stage)["z"])
 
     @property
     def page(self) -> str:

@@ -91,18 +91,6 @@ def test_damage_is_noticed_set_aside_and_repaired(store: Store, damage: str) -> 
     assert store.state(KEY) == "stored"
 
 
-def test_parts_are_removed_unless_somebody_is_writing(store: Store) -> None:
-    part = store.root / "ab" / ".0123.part"
-    part.parent.mkdir(exist_ok=True)
-    part.write_bytes(b"half")
-    with store.writing():
-        Store(store.folder).clean()
-        assert part.exists()
-    store.clean()
-    assert not part.exists()
-    assert store.state(KEY) == "stored"
-
-
 def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,6 +15,8 @@ from labpipe.errors import InputError
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length
 from labpipe.workflow.graph import Stage
+from labpipe.workflow.plan import plan
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session, load
 
 HERE = "toy_laboratory"
@@ -176,6 +178,12 @@ def make_session(folder: Path, toml: str = TOML) -> Session:
 def reload_session(folder: Path, toml: str = TOML) -> Session:
     (folder / "session.toml").write_text(toml)
     return load(folder, KINDS)
+
+
+def opened(session: Session, experiment: str, stage: str, recording: str | None = None) -> Any:
+    """Return a result that is up to date."""
+    made = plan(session, STAGES, [f"{experiment}/{stage}"], [experiment], keep=None)
+    return Results(made).result(experiment, stage, recording)
 
 
 def contents(session: Session) -> dict[str, bytes]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import labpipe as lp
+from labpipe.report import SURE
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def test_a_variable_is_drawn_with_its_band(session) -> None:
     (line,) = axes.lines
     np.testing.assert_array_equal(line.get_ydata(), found["restitution"])
     heights = axes.collections[0].get_paths()[0].vertices[:, 1]
-    assert heights.max() == pytest.approx(float((found["restitution"] + 2.0 * found["u_restitution"]).max()))
+    assert heights.max() == pytest.approx(float((found["restitution"] + SURE * found["u_restitution"]).max()))
     plt.close(axes.figure)
     (main,) = session.plot("drop").lines
     np.testing.assert_array_equal(main.get_ydata(), found["displacement_mean"])

@@ -104,9 +104,9 @@ def failed_steps(
             text, cause = f"{experiment} gave no result", f"see {experiment} first"
             found[failure.stage] = Check(f"input from {experiment}", text, "note", cause=cause, is_generic=True)
             continue
-        names_it = not failure.recording or failure.text.startswith(failure.recording)
+        names_it = not failure.recording or failure.message.startswith(failure.recording)
         where = "" if names_it else f"{failure.recording}: "
-        name, text = f"step {failure.stage}", f"{where}{failure.text}"
+        name, text = f"step {failure.stage}", f"{where}{failure.message}"
         is_lost = failure.reason == errors.MISSING
         if failure.is_of_run or is_lost:
             needs, cause = ("this file", _LOST) if is_lost else ("a run that gets through this step", _OF_RUN)

@@ -15,7 +15,7 @@ from labpipe.errors import LabpipeError
 from labpipe.frames import as_frames
 from labpipe.judging import Check
 from labpipe.units import Quantity
-from labpipe.workflow.context import Context, Failed, Warned
+from labpipe.workflow.context import Context, Outcome, Warned
 from pipelines.experiments.shared.film_checks import (
     LIGHT,
     exchanged,
@@ -137,7 +137,7 @@ def test_exchanged_width_and_height_are_told(tmp_path: Path, count: int) -> None
     path.write_bytes(data)
     with pytest.raises(LabpipeError, match="width and height are exchanged") as error:
         open_film(path)
-    failed = Failed("radius", None, str(error.value), reason=error.value.reason)
+    failed = Outcome("film", "radius", None, "failed", message=str(error.value), reason=error.value.reason)
     (told,) = _judged(failures=(failed,))
     assert told.cause.startswith("width and height are exchanged in the header")
 
@@ -151,7 +151,7 @@ def _judged(**run: Any) -> list[Check]:
 
 def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so() -> None:
     warned = Warned("track", None, "IncompleteFilmWarning", "f.avi: 9 frames are declared, 4 can be read", 1)
-    failed = Failed("bounces", None, "no bounce found")
+    failed = Outcome("film", "bounces", None, "failed", message="no bounce found")
     (told,) = _judged(failures=(failed,), warnings=(warned,))
     assert told.cause.startswith("the film was not copied whole")
     (told,) = _judged(failures=(failed,))
