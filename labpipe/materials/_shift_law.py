@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
+from scipy.constants import R
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -29,7 +30,7 @@ from labpipe.units import ZERO_CELSIUS
 LawName = Literal["wlf", "arrhenius"]
 
 #: Gas constant times ln 10, J/(mol K).
-_GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
+_GAS_LN10 = R * float(np.log(10.0))
 _HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 
 

@@ -22,7 +22,7 @@ from labpipe.variables import described, variable
 if TYPE_CHECKING:
     import xarray as xr
 
-NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = 0, 1, 2, 3, 4, 5
+NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = range(6)
 _METHODS = {
     NONE: "none",
     FRINGES: "fringe_fit",

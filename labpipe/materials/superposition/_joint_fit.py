@@ -45,8 +45,6 @@ _LN10 = float(np.log(10.0))
 _FIRST_DAMPING = 1e-3
 _DAMPING_DOWN, _DAMPING_UP = 0.2, 8.0
 _LEAST_DAMPING, _MAX_DAMPING = 1e-9, 1e8
-_COST_TOLERANCE = 1e-5
-_MAX_ITERATIONS = 40
 # No shift moves further than this in one step (decades): the model is linear only so far.
 _MAX_STEP_DECADES = 0.7
 
@@ -191,12 +189,7 @@ def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, 
 
 
 def minimise(
-    points: Points,
-    weight: Floats,
-    fit: Fit,
-    model: OuterModel,
-    tolerance: float = _COST_TOLERANCE,
-    iterations: int = _MAX_ITERATIONS,
+    points: Points, weight: Floats, fit: Fit, model: OuterModel, tolerance: float = 1e-5, iterations: int = 40
 ) -> Fit:
     """Move the outer parameters to the least cost, on the grid and smoothing of a first fit (Levenberg-Marquardt)."""
     damping, least = _FIRST_DAMPING, total_cost(fit, model)
