@@ -31,7 +31,7 @@ LawName = Literal["wlf", "arrhenius"]
 
 #: Gas constant times ln 10, J/(mol K).
 _GAS_LN10 = R * float(np.log(10.0))
-_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
+HOLDS = 4.0  # chi-square per degree of freedom, or F of free shifts: twice the stated uncertainty on the whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class ShiftLaw:
     @property
     def holds(self) -> bool:
         """Whether it describes the free shifts within their uncertainty; without such shifts nothing contradicts it."""
-        return not (self.freedom and self.chi_square / self.freedom > _HOLDS)
+        return not (self.freedom and self.chi_square / self.freedom > HOLDS)
 
     def about(self, T_ref: float) -> "ShiftLaw | None":
         """Return the same law about another reference temperature [degC]; None beyond the pole of a WLF law.

@@ -43,7 +43,6 @@ LONGEST_ARC = 12e-3  # of flight used on either side of an impact, s; longer add
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _ENDS = 4  # readings at either end of a record that do not show which way it falls
-_LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
@@ -262,7 +261,7 @@ def fitted(
         end = min(time[after.stop - 1], turn.liftoff + LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
-        if window.stop - window.start < _LEAST_READINGS:
+        if window.stop - window.start < FEWEST_IN_FLIGHT:
             if impacts:
                 return impacts, turn.touch
             raise InputError(f"no bounce found: hardly any reading is near the contact at {turn.touch:.4g} s")

@@ -47,15 +47,15 @@ from labpipe.units import ZERO_CELSIUS
 
 # Vertical law and delay are added one at a time, and may each be revised once.
 _MAX_EXTENSIONS = 4
-# Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
-# Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
-_STRONG_EVIDENCE = 6.0
-# Starts that differ by less (decades) end in the same minimum.
-_SAME_BASIN = 0.3
+#: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
+#: Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
+STRONG_EVIDENCE = 6.0
+#: Starts and solutions that differ by less (decades) are the same.
+SAME_SOLUTION = 0.15
 # Smoothing for comparing starts, in units of the noise, and one that biases no shift.
 _STIFF, _UNBIASED = 100.0, 1.0
 # Starts and candidates are compared before they have settled to the last digit: tolerance and iterations.
-_STARTING, _SCREENING = (1e-4, 12), (1e-3, 8)
+_SCREENING = 1e-3, 8
 # A law through the best start is a third start; it needs more isotherms than it has constants.
 _LAW_NEEDS, _LAW_ROUGHNESS = 3, 0.1
 # Passes of noise and smoothing around the joint fit, and the change of noise at which they have settled.
@@ -149,7 +149,7 @@ def _best_start(
     if points.count > 1:
         starts = [("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments))]
         apart = starts[0][1] - starts[1][1]
-        starts = starts[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
+        starts = starts[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < SAME_SOLUTION else 2]
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
     if model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
         # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
@@ -168,7 +168,7 @@ def _run(
     started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
     state = started.start()
     grid = grid_for(points, state)
-    fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_STARTING)
+    fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_SCREENING)
     return name, predictive_cost(fit, started), fit, started
 
 
@@ -283,7 +283,7 @@ def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
     price = float(np.log(2 * points.omega.size))
     count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
     laws = (model.vertical != "none") + model.has_delay
-    score = total_cost(fit, model) + count * price + laws * _STRONG_EVIDENCE
+    score = total_cost(fit, model) + count * price + laws * STRONG_EVIDENCE
     if model.has_slope:
         covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
         score -= float(np.log(covariance[model.horizontal_size, model.horizontal_size]))

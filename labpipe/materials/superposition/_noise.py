@@ -17,9 +17,10 @@ from labpipe.materials.superposition._joint_fit import Points
 # Relative noise is never taken below this: cleaner data are limited by the grid of times.
 _LEAST_NOISE = 1e-6
 ASSUMED_NOISE = 0.02
-# A sweep needs this many points before a cubic leaves anything to judge, and all sweeps together
-# this many free residuals before their scatter is trusted (18 % on a level).
-_LEAST_POINTS, _LEAST_FREEDOM = 6, 16
+#: A sweep needs this many points before a cubic leaves anything to judge.
+LEAST_OF_SWEEP = 6
+# All sweeps together need so many free residuals before their scatter is trusted (18 % on a level).
+_LEAST_FREEDOM = 16
 _DEGREE = 3
 _MEDIAN_OF_NORMAL = NormalDist().inv_cdf(0.75)  # median of the absolute value of a standard normal number
 
@@ -64,7 +65,7 @@ def scatter_of_sweeps(points: Points) -> Scatter | None:
     The median of the absolute residuals is used, so that single outliers do not count.
     """
     sweeps = [points.isotherm == k for k in range(points.count)]
-    sweeps = [mask for mask in sweeps if np.count_nonzero(mask) >= _LEAST_POINTS]
+    sweeps = [mask for mask in sweeps if np.count_nonzero(mask) >= LEAST_OF_SWEEP]
     freedom = sum(int(np.count_nonzero(mask)) - _DEGREE - 1 for mask in sweeps)
     if freedom < _LEAST_FREEDOM:
         return None

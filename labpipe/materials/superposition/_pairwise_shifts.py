@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import moduli_of_terms
+from labpipe.materials.spectrum import NNLS_STEPS_PER_COLUMN, moduli_of_terms
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._parameters import (
     CHANGE,
@@ -102,7 +102,7 @@ def _scanned(cold: _Sweep, warm: _Sweep, difference: float) -> tuple[Floats, Flo
 
     def misfit(step: float) -> float:
         design = np.vstack([fixed, _rows((warm[0] - step * _LN10, *warm[1:]), ln_time) * scale])
-        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=40 * design.shape[1])
+        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=NNLS_STEPS_PER_COLUMN * design.shape[1])
         tries.append((step, float(rest) ** 2, int(np.count_nonzero(weight))))
         return tries[-1][1]
 

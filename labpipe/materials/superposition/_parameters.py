@@ -39,7 +39,7 @@ _DENSITY_SLOPE = -3e-4  # expected in addition to b ∝ T
 STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
 #: The step per isotherm changes from one to the next by this much (decades), plus this share.
 CHANGE, CHANGE_SHARE = 0.4, 0.5
-#: Closer isotherms than this (K) are repeats; their spacing is not resolved.
+#: Closer isotherms than this (K) are repeats, and the same temperature set and measured.
 LEAST_SPACING = 1.0
 
 
