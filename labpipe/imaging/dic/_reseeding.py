@@ -9,12 +9,10 @@ import numpy as np
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._neighbour_outliers import NEIGHBOURS, carried, nearest
-from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid
+from labpipe.imaging.dic._seeding import AGREEMENT, Pyramid, find_subset, fit_motion, make_pyramid
 from labpipe.imaging.dic._solver import LEFT_WINDOW
 from labpipe.imaging.dic._tracker import DROP, SURPRISE, Attempt, Tracker
 
-#: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
-_CONFIRMED = 2.5
 #: When so few of so many points converge near their prediction, they did by chance.
 _CHANCE, _MANY = 0.2, 10
 #: Agreement of surprised points with each other (px), and the number that is needed.
@@ -23,8 +21,6 @@ _MUTUAL, _MUTUAL_COUNT = 0.5, 5
 _SEEDS_FIRST, _SEEDS_LATER = 12, 4
 #: Frames after which a lost point is sought only every so often.
 _PATIENCE, _SELDOM = 64, 8
-#: Rounds of propagation from neighbour to neighbour.
-_ROUNDS = 16
 
 
 def follow(tracker: Tracker, index: int, loaded: Loaded, expected: Floats) -> Attempt:
@@ -116,7 +112,7 @@ class Recovery:
         """Start untrusted points from the motions of their nearest trusted neighbours, in turn."""
         attempt, tracker = self._attempt, self._tracker
         rank = 0
-        for _ in range(_ROUNDS):
+        while True:
             waiting = np.flatnonzero(~attempt.trusted)
             trusted = np.flatnonzero(attempt.trusted)
             if not len(waiting) or rank >= min(len(trusted), NEIGHBOURS):
@@ -192,7 +188,7 @@ class Recovery:
         attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (self._loaded.box == tracker.film.whole)
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
-        near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
+        near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= AGREEMENT
         good = tracker.accepts(found.code, found.zncc) & near
         # A match from the prediction keeps its place unless the new one fits the image as well.
         held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen])

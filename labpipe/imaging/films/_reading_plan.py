@@ -28,8 +28,8 @@ _PLACE, _REACH = 24, 60
 _ROW_OF = 0.5
 #: Share of the light by which a contact is darker or brighter than what is around it, for bands to tell it.
 _TELLS = 0.3
-#: Frames between two that are read whole at least, also where nothing changes.
-_LONGEST_REST = 64
+#: Frames between two that are read whole at least, also where nothing changes: shorter films are read whole.
+LONGEST_REST = 64
 #: Decoded frames kept at hand (bytes), so that a second look does not read them again.
 _MOST_KEPT = 128 * 2**20
 
@@ -192,11 +192,11 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
     like = np.array([one.is_like for one in seen])
     is_elsewhere = (like & (2 * like.sum(axis=0) <= len(frames))).any(axis=1).tolist()
     last: list[NDArray[np.float32]] = []
-    last_index = -_LONGEST_REST
+    last_index = -LONGEST_REST
     for index, one, elsewhere in zip(frames, seen, is_elsewhere, strict=True):
         if not (elsewhere or one.is_near or known.get(index, False)):
             continue
-        is_same = index - last_index < _LONGEST_REST and _looks_like(one.bands, last, noise)
+        is_same = index - last_index < LONGEST_REST and _looks_like(one.bands, last, noise)
         if is_same and index not in known:
             resting[index] = True
             continue

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
-from labpipe.imaging.films import FilmReader, Place, plan_reading, without_stuck_pixels
+from labpipe.imaging.films import LONGEST_REST, FilmReader, Place, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, Properties, calibrate
@@ -22,8 +22,6 @@ from labpipe.imaging.fringes._ring_fit import ASSUMED, AXES, USUAL, FitSettings,
 from labpipe.imaging.fringes._ring_model import make_optics
 from labpipe.imaging.fringes._search import GOOD_MISFIT, is_contact, search_contact, search_optics
 
-#: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
-_SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
 #: Frames in which other optics than the stated ones are looked for.
 _TRIED = 6
 
@@ -76,7 +74,7 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     """Fit the frames that need it, and calibrate the optics on the way. Return the frames read."""
     read = wanted
     fits: dict[int, RingFit] = {}
-    if not options.full and wanted.sum() > _SHORT_FILM:
+    if not options.full and wanted.sum() > LONGEST_REST:
         read, fits = _gate(reader, result, wanted)
     fits = _follow(reader, result, read, fits)
     # in a strip four times as long as wide an ellipse cannot be distinguished from another scale
@@ -121,12 +119,12 @@ def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags,
     """Look at frames far apart, then at thin bands of all others; return what to read whole."""
     known: dict[int, RingFit | None] = {}
     frames = np.flatnonzero(wanted)
-    for step in _FIRST_STEPS:
+    step = LONGEST_REST
+    while step > 1 and not any(known.values()):
         for index in map(int, frames[::step]):
             if index not in known:
                 known[index] = search_contact(FrameFeatures(reader.whole(index)), result.view)
-        if any(fit is not None for fit in known.values()):
-            break
+        step //= 4
     fits = {index: fit for index, fit in known.items() if fit is not None}
     contact = {index: fit is not None for index, fit in known.items()}
     places: list[Place] = []
