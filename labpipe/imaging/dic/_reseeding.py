@@ -61,22 +61,16 @@ class Recovery:
         # A changed correlation without a jump (light, focus) needs no confirmation.
         calm = self._tracker.accepts(attempt.code, attempt.zncc) & (self._jumped() <= SURPRISE)
         attempt.trusted |= calm & tracked
-        self._refuse_lone_matches()
+        # Far matches that no trusted neighbour supports, or without any the correlation of before, are refused.
+        far = attempt.trusted & ((self._jumped() > SURPRISE) | ~tracked)
+        if far.any() and len(far) == 1:
+            attempt.trusted &= attempt.zncc > DROP * self._tracker.last_zncc
+        elif far.any():
+            attempt.trusted &= ~(far & self._tracker.neighbourhood.unsupported(attempt.motion, attempt.trusted))
 
     def _jumped(self) -> Floats:
         """Distance (point,) in px from where the points were expected."""
         return np.asarray(np.hypot(*(self._attempt.motion - self._expected)[:, [0, 3]].T))
-
-    def _refuse_lone_matches(self) -> None:
-        """Distrust far matches that no trusted neighbour supports or, without any, the correlation of before."""
-        attempt, tracker = self._attempt, self._tracker
-        far = attempt.trusted & ((self._jumped() > SURPRISE) | ~tracker.is_tracked)
-        if not far.any():
-            return
-        if len(far) == 1:
-            attempt.trusted &= attempt.zncc > DROP * tracker.last_zncc
-            return
-        attempt.trusted &= ~(far & tracker.neighbourhood.unsupported(attempt.motion, attempt.trusted))
 
     def refuse_outliers(self) -> None:
         """Distrust points that contradict their neighbours, unless they are found where these lead."""
@@ -118,16 +112,12 @@ class Recovery:
             if not len(waiting) or rank >= min(len(trusted), NEIGHBOURS):
                 return
             near = nearest(tracker.places[waiting], tracker.places[trusted], rank + 1)
-            start = self._carry(trusted[near[:, rank]], waiting)
+            # the motions of the sources continued to the places of the targets
+            sources = trusted[near[:, rank]]
+            start = attempt.motion[sources].copy()
+            start[:, [0, 3]] = carried(start, tracker.places[waiting] - tracker.places[sources])
             # A neighbour that is wrong itself must not stand in the way: ask the next one.
             rank = 0 if self._try(waiting, start) else rank + 1
-
-    def _carry(self, sources: Integers, targets: Integers) -> Floats:
-        """Motions of source points continued to the places of target points."""
-        places = self._tracker.places
-        start = self._attempt.motion[sources].copy()
-        start[:, [0, 3]] = carried(start, places[targets] - places[sources])
-        return start
 
     def _seed(self) -> bool:
         """Match templates for some untrusted points; True when one was found."""
@@ -141,7 +131,13 @@ class Recovery:
         budget = _SEEDS_FIRST if is_new else _SEEDS_LATER
         chosen = waiting[np.unique(np.linspace(0, len(waiting) - 1, budget).astype(int))]
         self._tried[chosen] = True
-        found = self._match(chosen)
+        subsets, pyramid, found = tracker.reference.subsets, self._whole_frame(), dict[int, Floats]()
+        for n in chosen.tolist():
+            x, y, half = subsets.layout[n, :3].tolist()
+            match = find_subset(tracker.reference.pyramid, pyramid, (x, y), half)
+            tracker.reseeds += 1
+            if match is not None:
+                found[n] = match[0]
         if not found:
             return False
         where = np.array(list(found), np.int64)
@@ -154,20 +150,6 @@ class Recovery:
                 start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
                 where, start = where[fits], start[fits]
         return self._try(where, start)
-
-    def _match(self, chosen: Integers) -> dict[int, Floats]:
-        """Motions of those chosen points that a template match finds."""
-        tracker = self._tracker
-        subsets = tracker.reference.subsets
-        pyramid = self._whole_frame()
-        result = {}
-        for n in chosen:
-            x, y, half = subsets.layout[n, :3].tolist()
-            found = find_subset(tracker.reference.pyramid, pyramid, (x, y), half)
-            tracker.reseeds += 1
-            if found is not None:
-                result[int(n)] = found[0]
-        return result
 
     def _whole_frame(self) -> Pyramid:
         """Read the whole frame once, for seeds and for points outside the loaded rectangle."""

@@ -173,7 +173,10 @@ class Tracker:
         # nothing strains in a static frame, which is the reference or a part of it
         self._strain_seen = np.inf if self.is_static else STRAIN_SEEN
         found = self.solve(loaded, chosen, expected[chosen])
-        if self._is_strained(chosen, found):
+        # of a specimen that strains a quarter of the subsets show it, by noise alone one in twenty
+        asked = (self.reference.subsets.shape[chosen] == AUTO) & (found.code == SOLVED)
+        count, shown = int(asked.sum()), int(found.is_affine[asked].sum())
+        if 0.25 * count < shown < count:
             self._strain_seen = 0.0
             found = self.solve(loaded, chosen, expected[chosen])
         attempt = Attempt.nothing(expected)
@@ -183,12 +186,6 @@ class Tracker:
         alike = attempt.zncc > DROP * self.last_zncc
         attempt.trusted = self.accepts(attempt.code, attempt.zncc) & alike & (apart <= SURPRISE)
         return attempt
-
-    def _is_strained(self, chosen: Integers, found: Solution) -> bool:
-        """Tell a specimen that strains: a quarter of its subsets show it, by noise alone one in twenty."""
-        asked = (self.reference.subsets.shape[chosen] == AUTO) & (found.code == SOLVED)
-        count, shown = int(asked.sum()), int(found.is_affine[asked].sum())
-        return 0.25 * count < shown < count
 
     def accepts(self, code: Integers, zncc: Floats) -> Flags:
         """Points that converged with enough correlation."""

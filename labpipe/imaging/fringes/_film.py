@@ -33,7 +33,15 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     repaired, hot = without_stuck_pixels(film, wanted, reader.whole)
     if hot.count:
         reader = FilmReader(repaired)
-    view = _make_view(reader, options, wanted)
+    # optics and settings before the calibration from the film
+    wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
+    phase = math.pi if options.phase is None else options.phase
+    optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
+    settings = FitSettings(options.fringes, free=(*USUAL, *AXES) if options.shape == "ellipse" else USUAL)
+    black, white = reader.film.levels
+    if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
+        white = math.inf  # numbers that are no counts do not show where they are saturated
+    view = View(optics, settings, (reader.film.shape[1], reader.film.shape[2]), black, white)
     has_fringes = options.wavelength is not None and view.templates is not None
     result = FilmResult(view, np.zeros(len(film), bool), note=hot.note, has_fringes=has_fringes)
     if result.has_fringes:
@@ -54,20 +62,6 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     fits = result.fits.values()
     result.work = reader.work() | {"fits": len(fits), "evaluations": sum(fit.evaluations for fit in fits)}
     return result
-
-
-def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
-    """Optics and settings before the calibration from the film."""
-    film = reader.film
-    wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
-    phase = math.pi if options.phase is None else options.phase
-    optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
-    free = (*USUAL, *AXES) if options.shape == "ellipse" else USUAL
-    settings = FitSettings(options.fringes, free=free)
-    black, white = film.levels
-    if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
-        white = math.inf  # numbers that are no counts do not show where they are saturated
-    return View(optics, settings, (film.shape[1], film.shape[2]), black, white)
 
 
 def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:

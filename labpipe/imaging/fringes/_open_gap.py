@@ -5,6 +5,7 @@ body. Its radius follows from the first fringes with that factor free; higher po
 between fits of fewer and of more fringes.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._optics_state import View
-from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_model import edge_width
 from labpipe.imaging.fringes._search import is_contact
 
@@ -44,7 +45,17 @@ def fit_open_gap(
     """
     free = tuple(dict.fromkeys((*view.settings.free, Parameter.SCALE)))
     near = replace(view.settings, fringes=_NEAR_FRINGES, free=free)
-    best = _best_trial(frame, view, starts, near)
+    best: RingFit | None = None  # of some of the pixels, from every start, what leaves least
+    for start in starts:
+        width = edge_width(float(start[Parameter.RADIUS]), view.optics)
+        for power, below in itertools.product(range(3), (0.0, 0.5)):
+            trial = start.copy()
+            trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
+            trial[Parameter.SCALE] = -power * math.log(_RATIO)
+            trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
+            fit = fit_contact(frame, trial, view.optics, near.quick, view.white)
+            if fit is not None and _is_right(fit) and (best is None or fit.misfit < best.misfit):
+                best = fit
     if best is None:
         return None
     found = fit_contact(frame, best.parameters, view.optics, near, view.white)
@@ -57,23 +68,6 @@ def fit_open_gap(
     if other is not None:
         spread = max(spread, abs(other.radius - found.radius))
     return replace(found, model_deviation=math.hypot(found.model_deviation, spread))
-
-
-def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats], near: FitSettings) -> RingFit | None:
-    """Fit some of the pixels from every start, and keep what leaves least."""
-    best: RingFit | None = None
-    for start in starts:
-        width = edge_width(float(start[Parameter.RADIUS]), view.optics)
-        for power in range(3):
-            for below in (0.0, 0.5):
-                trial = start.copy()
-                trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
-                trial[Parameter.SCALE] = -power * math.log(_RATIO)
-                trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
-                fit = fit_contact(frame, trial, view.optics, near.quick, view.white)
-                if fit is not None and _is_right(fit) and (best is None or fit.misfit < best.misfit):
-                    best = fit
-    return best
 
 
 def _is_right(fit: RingFit) -> bool:

@@ -300,8 +300,13 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     damping, evaluations, is_settled, is_reported = math.sqrt(np.finfo(float).eps), 1, False, False
     sums = ring_sums(ring, best, free, optics)
     while evaluations < settings.max_iterations and damping < 1.0 / _DAMPING and sums.pixels > len(free):
-        step = _solve(sums, damping)
-        if step is None:
+        # the damped normal equations, scaled by their diagonal; the iteration ends when they have no solution
+        scale = np.sqrt(np.maximum(np.diag(sums.normal), 1e-300))
+        matrix = sums.normal / np.outer(scale, scale)
+        matrix[np.diag_indices_from(matrix)] += damping
+        try:
+            step = np.linalg.solve(matrix, sums.right / scale) / scale
+        except np.linalg.LinAlgError:
             break
         trial = best.copy()
         trial[free] += step
@@ -329,17 +334,6 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
     return _result(best, sums, settings, is_settled, evaluations)
-
-
-def _solve(sums: Sums, damping: float) -> Floats | None:
-    """Step of the damped normal equations, scaled by their diagonal; None when they have none."""
-    scale = np.sqrt(np.maximum(np.diag(sums.normal), 1e-300))
-    matrix = sums.normal / np.outer(scale, scale)
-    matrix[np.diag_indices_from(matrix)] += damping
-    try:
-        return np.asarray(np.linalg.solve(matrix, sums.right / scale) / scale)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _result(parameters: Floats, sums: Sums, settings: FitSettings, is_converged: bool, evaluations: int) -> RingFit:

@@ -152,11 +152,18 @@ def _best_start(
         starts = starts[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < SAME_SOLUTION else 2]
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
     if model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
-        # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
-        runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
+        # A sweep without loss in common with its neighbours fits anywhere: start from the WLF law of all others too. A
+        # law is never exact: its own roughness keeps the best shifts from ruling alone.
+        *_, fit, best = min(runs, key=lambda run: run[1])
+        covariance = np.linalg.pinv(outer_problem(points, fit, best)[0], hermitian=True)
+        keep = np.arange(best.temperature.size) != best.reference
+        full = _LAW_ROUGHNESS**2 * np.eye(keep.size)
+        full[np.ix_(keep, keep)] += covariance[: best.horizontal_size, : best.horizontal_size]
+        law = fit_law("wlf", best.temperature, fit.state.log10_aT, full, best.T0)
+        runs.append(_run(points, weight, model, "law", law.log10_aT(best.temperature)))
     runs.sort(key=lambda run: run[1])
-    best = runs[0][2].state.log10_aT
-    report = tuple((name, cost, float(np.max(np.abs(fit.state.log10_aT - best)))) for name, cost, fit, _ in runs)
+    shifts = runs[0][2].state.log10_aT
+    report = tuple((name, cost, float(np.max(np.abs(fit.state.log10_aT - shifts)))) for name, cost, fit, _ in runs)
     return (runs[0][3], runs[0][2]), report
 
 
@@ -170,17 +177,6 @@ def _run(
     grid = grid_for(points, state)
     fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_SCREENING)
     return name, predictive_cost(fit, started), fit, started
-
-
-def _on_a_law(points: Points, fit: Fit, model: OuterModel) -> Floats:
-    """Put shifts on the WLF law through those that the data determine."""
-    covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
-    keep = np.arange(model.temperature.size) != model.reference
-    # A law is never exact: its own roughness keeps the best shifts from ruling alone.
-    full = _LAW_ROUGHNESS**2 * np.eye(keep.size)
-    full[np.ix_(keep, keep)] += covariance[: model.horizontal_size, : model.horizontal_size]
-    law = fit_law("wlf", model.temperature, fit.state.log10_aT, full, model.T0)
-    return law.log10_aT(model.temperature)
 
 
 def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options) -> Superposition:

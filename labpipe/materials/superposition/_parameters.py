@@ -139,7 +139,7 @@ class OuterModel:
             rows[:, n] = self.slope_spread * step
             value = value + rows[:, n] * parameters[n]
         elif count:
-            powers = _powers(step, count)
+            powers = (step[:, None] / _UNIT) ** np.arange(1, count + 1)
             factor = 1.0 + powers @ parameters[n : n + count]
             if np.any(factor < _LEAST_FACTOR):
                 return None
@@ -222,10 +222,6 @@ class OuterModel:
         """Return the cost of :meth:`pull` alone, which every trial step asks for."""
         rows, target = self._expected
         return float(np.sum((rows @ state.parameters - target) ** 2))
-
-
-def _powers(step: Floats, count: int) -> Floats:
-    return np.stack([step / _UNIT, (step / _UNIT) ** 2], axis=1)[:, :count]
 
 
 def is_physical(ln_bT: Floats, temperature: Floats, T0: float, stiffness: float = 0.0) -> bool:
