@@ -86,27 +86,20 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         result.view = view
         fits = _follow(reader, result, read, fits)
     result.fits = fits
-    opened = _doubtful_rest(result)
-    if opened.any():
-        result.resting &= ~opened
-        result.fits |= _follow(reader, result, opened, {})
-    return read | opened
-
-
-def _doubtful_rest(result: FilmResult) -> Flags:
-    """Frames taken for rest that do not lie between contacts of nearly the same radius, or next to one that moves.
-
-    Bands of rows show no change of up to a hundred uncertainties of the radius: where it turns it was not at rest.
-    """
-    doubtful = np.zeros(len(result.resting), bool)
+    # Bands of rows show no change of up to a hundred uncertainties of the radius: frames taken for rest that do not lie
+    # between contacts of nearly the same radius, or next to one that moves, were not at rest.
+    opened = np.zeros(len(result.resting), bool)
     for run in runs_of(np.flatnonzero(result.resting).tolist()):
         first, end = run[0], run[-1] + 1
         around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
         radii = np.array([fit.radius for fit in around])
         noise = max((fit.deviation(Parameter.RADIUS) for fit in around), default=0.0)
         is_bounded = first - 1 in result.fits and end in result.fits
-        doubtful[run] = not is_bounded or np.ptp(radii) > min(7.0 * noise, 0.01 * radii.max())
-    return doubtful
+        opened[run] = not is_bounded or np.ptp(radii) > min(7.0 * noise, 0.01 * radii.max())
+    if opened.any():
+        result.resting &= ~opened
+        result.fits |= _follow(reader, result, opened, {})
+    return read | opened
 
 
 def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags, dict[int, RingFit]]:

@@ -363,32 +363,24 @@ def fit_contact(
 ) -> RingFit | None:
     """Fit one frame (row, column) with the ring laid around the start (parameter,); None where it lies outside.
 
-    ``ceiling`` is the grey level from which a pixel is saturated and left out.
+    ``ceiling`` is the grey level from which a pixel is saturated and left out. A doubtful fit gets a model deviation:
+    errors of the model that differ from part to part of the ring pull at the radius in the parts as they do in the
+    whole, so it follows from how the radius changes as quarters of fringes, or the dark inside, are left out (the
+    jackknife, B. Efron 1982, chapter 3, https://doi.org/10.1137/1.9781611970319).
     """
     limits = ring_limits(float(start[Parameter.RADIUS]), optics, settings.fringes, settings.least_spacing)
     ring = cut_ring(frame, start, *limits, ceiling, settings.max_pixels)
     if ring is None:
         return None
     fit = fit_ring(ring, start, optics, settings)
-    if fit.is_doubtful and settings.max_pixels == FitSettings.max_pixels and Parameter.RADIUS in settings.free:
-        return replace(fit, model_deviation=_model_deviation(ring, fit, optics))
-    return fit
-
-
-def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
-    """Return u (px) of the radius by errors of the model, from how it changes as parts of the ring are left out.
-
-    The parts are quarters of fringes, and the dark inside. Errors of the model that differ from part to part pull at
-    the radius in the parts as they do in the whole: the jackknife (B. Efron 1982, chapter 3,
-    https://doi.org/10.1137/1.9781611970319).
-    """
+    if not fit.is_doubtful or settings.max_pixels != FitSettings.max_pixels or Parameter.RADIUS not in settings.free:
+        return fit
     steps = int(phase_of_gap(ring.outer, fit.radius, optics)[0] / (0.5 * math.pi)) + 1
-    limits = [ring.inner, fit.radius]
-    limits += [distance_at_phase(0.5 * math.pi * k, fit.radius, optics) for k in range(1, steps)] + [ring.outer]
+    quarters = [distance_at_phase(0.5 * math.pi * k, fit.radius, optics) for k in range(1, steps)]
     free = np.array(fit.free, np.int64)
     parts = [
         ring_sums(ring, fit.parameters, free, optics, part=(low, high))
-        for low, high in itertools.pairwise(limits)
+        for low, high in itertools.pairwise([ring.inner, fit.radius, *quarters, ring.outer])
         if high > low
     ]
     place = fit.free.index(Parameter.RADIUS)
@@ -396,4 +388,5 @@ def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
     ridge = 1e-9 * np.diag(np.diag(total))
     changes = [float((inverse_of(total - part.normal + ridge) @ part.right)[place]) for part in parts if part.pixels]
     variance = sum(change**2 for change in changes) * (len(changes) - 1) / max(len(changes), 1)
-    return math.sqrt(max(variance - fit.deviation(Parameter.RADIUS) ** 2, 0.0))
+    excess = math.sqrt(max(variance - fit.deviation(Parameter.RADIUS) ** 2, 0.0))
+    return replace(fit, model_deviation=excess)

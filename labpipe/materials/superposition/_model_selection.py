@@ -189,7 +189,13 @@ def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options:
         grid = grid_for(points, fit.state)
         fit = minimise(points, weight, evaluate(points, weight, grid, fit.state, None, near), model)
         near = fit.solution.strength
-        covariance, leverage = _covariance(points, fit, model)
+        inverse, covariance = np.asarray(np.linalg.pinv(fit.normal, hermitian=True)), np.empty((0, 0))
+        leverage = propagated_variance(fit.rows, inverse)
+        if model.size:
+            change = sensitivity(points, fit, model)
+            rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+            covariance = np.asarray(np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True))
+            leverage = leverage + propagated_variance(rest, covariance)
         # Each modulus has as many free residuals as points, less its share of the fitted freedom (leverage),
         # so that a noise ratio comes out right even when one modulus dominates.
         storage, loss = (
@@ -201,18 +207,6 @@ def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options:
         if max(abs(np.log(noise.storage / last.storage)), abs(np.log(noise.loss / last.loss))) < _NOISE_SETTLED:
             break
     return Superposition(model, fit, noise, covariance)
-
-
-def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
-    """Return the covariance of the outer parameters, and the leverage (2 point,) of every reading."""
-    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    leverage = propagated_variance(fit.rows, inverse)
-    if not model.size:
-        return np.empty((0, 0)), leverage
-    change = sensitivity(points, fit, model)
-    rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-    covariance = np.asarray(np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True))
-    return covariance, leverage + propagated_variance(rest, covariance)
 
 
 def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Floats:

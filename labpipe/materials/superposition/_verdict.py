@@ -5,7 +5,6 @@ vertical factors of no material: residuals against the scatter and in absolute t
 all count.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,33 +37,32 @@ class Verdict:
 
 def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
     """Judge a fit."""
-    objections = list(_objections(found, kk))
-    order: tuple[Level, ...] = ("pass", "doubtful", "fail")
-    worst = max((order.index(level) for level, _ in objections), default=0)
-    return Verdict(order[worst], tuple(reason for _, reason in objections))
-
-
-def _objections(found: Superposition, kk: KramersKronig) -> Iterator[tuple[Level, str]]:
+    objections: list[tuple[Level, str]] = []
     # noise of the fit over scatter of the sweeps, which of the fewest that are judged is known to a fifth
     if found.violation > PASS_RATIO:
-        yield (
-            "fail" if found.violation > WARN_RATIO else "doubtful",
+        text = (
             "time-temperature superposition does not hold to the noise of the sweeps (the fit misses by "
             f"{found.violation:.1f} times as much); the uncertainties are widened by the lack of fit, by a factor of "
-            f"{found.lack_of_fit**0.5:.1f}",
+            f"{found.lack_of_fit**0.5:.1f}"
         )
+        objections.append(("fail" if found.violation > WARN_RATIO else "doubtful", text))
     for name, size in (("storage", found.noise.storage), ("loss", found.noise.loss)):
         if size > _ROUGH[name]:
             level: Level = "fail" if size > _HOPELESS[name] else "doubtful"
-            yield level, f"the master curve misses the {name} modulus by {100 * size:.0f} % (root mean square)"
+            text = f"the master curve misses the {name} modulus by {100 * size:.0f} % (root mean square)"
+            objections.append((level, text))
     if found.refused:
-        yield (
-            "doubtful",
+        text = (
             f"the sweeps ask for a {' or '.join(found.refused)} vertical factor steeper than a material's modulus can "
-            "change; it was refused, for it would make up for sweeps that do not superpose",
+            "change; it was refused, for it would make up for sweeps that do not superpose"
         )
+        objections.append(("doubtful", text))
     if kk.verdict != "pass":
-        yield ("fail" if kk.verdict == "fail" else "doubtful", f"Kramers-Kronig {kk.verdict}: {kk.reason}")
+        text = f"Kramers-Kronig {kk.verdict}: {kk.reason}"
+        objections.append(("fail" if kk.verdict == "fail" else "doubtful", text))
+    order: tuple[Level, ...] = ("pass", "doubtful", "fail")
+    worst = max((order.index(level) for level, _ in objections), default=0)
+    return Verdict(order[worst], tuple(reason for _, reason in objections))
 
 
 def limits_of(
