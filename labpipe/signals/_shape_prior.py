@@ -31,7 +31,8 @@ class ShapePrior(NamedTuple):
 # In impacts of polymers of the same loss flatness, crest and onset rise and lean falls together, as steeply as the
 # solid relaxes; skewness goes with lean only.
 _TOGETHER, _LEAN_AND_SKEWNESS = 0.9, -0.3
-_CORRELATION = _TOGETHER * np.outer(*[[-1.0, 1.0, 0.0, 1.0, 1.0]] * 2)
+_SIGN = np.array([-1.0, 1.0, 0.0, 1.0, 1.0])
+_CORRELATION = _TOGETHER * np.outer(_SIGN, _SIGN)
 np.fill_diagonal(_CORRELATION, 1.0)
 _CORRELATION[0, 2] = _CORRELATION[2, 0] = _LEAN_AND_SKEWNESS
 

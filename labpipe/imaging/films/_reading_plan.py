@@ -182,7 +182,7 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
         read[index] = True
         last, last_index = one.bands, index
     # The frames next to a change are read as well: the last one before it and the first after.
-    for index in np.flatnonzero(read):
+    for index in np.flatnonzero(read).tolist():
         for beside in (index - 1, index + 1):
             is_left_out = 0 <= beside < len(read) and wanted[beside] and not read[beside]
             if is_left_out and not resting[beside]:
