@@ -210,14 +210,9 @@ def _describe(time: Floats, values: Floats, resolution: float, correlated: int) 
     if noise < resolution / 2:
         # All readings fall on one or two steps: averaging does not see between them.
         u_level = max(u_level, resolution / math.sqrt(12))
-    return Quiet(_grouped_median(values, resolution), u_level, noise, float(time[0]), float(time[-1]), values.size)
-
-
-def _grouped_median(values: Floats, step: float) -> float:
-    """Return the median of rounded values, interpolated inside the step on which it falls."""
-    middle = float(np.median(values))
-    below = int(np.sum(values < middle - step / 2))
-    inside = int(np.sum(np.abs(values - middle) <= step / 2))
-    if step <= 0 or inside == 0:
-        return middle
-    return middle + step * ((values.size / 2 - below) / inside - 0.5)
+    # the median of rounded values, interpolated inside the step on which it falls
+    level, inside = float(np.median(values)), int(np.sum(np.abs(values - np.median(values)) <= resolution / 2))
+    if resolution > 0 and inside:
+        below = int(np.sum(values < level - resolution / 2))
+        level += resolution * ((values.size / 2 - below) / inside - 0.5)
+    return Quiet(level, u_level, noise, float(time[0]), float(time[-1]), values.size)

@@ -58,11 +58,31 @@ def graduations(image: NDArray[np.generic]) -> Ruler:
     Lines are located by centroid in bands across the image; the tilt is the mean drift of all
     lines over the bands; the pitch is the slope of position against line number, times cos tilt.
     """
+    from scipy.signal import find_peaks
+
     grey = np.asarray(image, float)
     if grey.ndim != 2:
         raise InputError(f"expected one image (row, column), found {grey.ndim} dimensions")
     grey = -grey
-    centres = _lines(grey.mean(axis=0))
+    # equally strong maxima of the mean profile, and their centroids
+    profile = grey.mean(axis=0)
+    smooth = ndimage.gaussian_filter1d(profile, 1.0)
+    flat = smooth - ndimage.percentile_filter(smooth, 50, size=max(31, profile.size // 8))
+    noise, strongest = deviation(np.diff(profile)) / np.sqrt(2), float(np.percentile(flat, 99.5))
+    peaks, _ = find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
+    if len(peaks) < _FEWEST_LINES:
+        raise InputError(
+            f"graduations that stand out: {len(peaks)}; at least {_FEWEST_LINES} are needed. Cut "
+            "the image to the ruler, turn it so that the ruler runs along the rows, or measure by hand"
+        )
+    spacing = np.diff(peaks)
+    multiple = spacing / np.median(spacing)
+    if np.any(np.abs(multiple - np.rint(multiple)) > 0.25):
+        raise InputError(
+            f"the lines are not equally spaced ({spacing.min()} to {spacing.max()} px); cut the "
+            "image to graduations of one kind"
+        )
+    centres = _near(profile, peaks.astype(float), np.median(spacing) / 2)
     half = np.median(np.diff(centres)) / 2
     bands = np.array_split(np.arange(grey.shape[0]), _BANDS)
     places = np.array([_near(grey[band].mean(axis=0), centres, half) for band in bands])
@@ -74,30 +94,6 @@ def graduations(image: NDArray[np.generic]) -> Ruler:
     residual = at_middle - np.polyval(fit, number)
     pitch = Quantity(float(fit[0] * np.cos(tilt)), float(np.sqrt(covariance[0, 0]) * np.cos(tilt)), "px")
     return Ruler(pitch, Quantity(tilt, u_tilt, "rad"), at_middle, float(residual.std(ddof=2)))
-
-
-def _lines(profile: Floats) -> Floats:
-    """Find equally strong maxima of a profile and their centroids."""
-    from scipy.signal import find_peaks
-
-    smooth = ndimage.gaussian_filter1d(profile, 1.0)
-    flat = smooth - ndimage.percentile_filter(smooth, 50, size=max(31, profile.size // 8))
-    noise, strongest = deviation(np.diff(profile)) / np.sqrt(2), float(np.percentile(flat, 99.5))
-    peaks, _ = find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
-    if len(peaks) < _FEWEST_LINES:
-        raise InputError(
-            f"graduations that stand out: {len(peaks)}; at least {_FEWEST_LINES} are needed. Cut "
-            "the image to the ruler, turn it so that the ruler runs along the rows, or measure by hand"
-        )
-    spacing = np.diff(peaks)
-    typical = np.median(spacing)
-    multiple = spacing / typical
-    if np.any(np.abs(multiple - np.rint(multiple)) > 0.25):
-        raise InputError(
-            f"the lines are not equally spaced ({spacing.min()} to {spacing.max()} px); cut the "
-            "image to graduations of one kind"
-        )
-    return _near(profile, peaks.astype(float), typical / 2)
 
 
 def _near(profile: Floats, centres: Floats, half: float) -> Floats:

@@ -28,8 +28,6 @@ from labpipe.variables import variable
 
 # Distance of two surfaces at which their attraction vanishes, of about an atom [m].
 _EQUILIBRIUM_DISTANCE = 0.3e-9
-# Work of adhesion [J/m2] of a clean smooth polymer on glass or sapphire, the most to expect.
-WORK_OF_ADHESION = 0.05
 # Share of the force or energy of an impact from which adhesion is said to matter: about the accuracy of a
 # measured restitution.
 _NOTICEABLE = 1e-3
@@ -156,7 +154,7 @@ def adhesion_in_impact(
     speed: float,
     contact_duration: float,
     peak_force: float,
-    work: float = WORK_OF_ADHESION,
+    work: float = 0.05,
 ) -> AdhesionEstimate:
     """Compare adhesion with an impact of a viscoelastic sphere.
 
@@ -168,7 +166,7 @@ def adhesion_in_impact(
     speed, contact_duration, peak_force : float [m/s, s, N]
         Of the impact, as :func:`labpipe.contact.drop` or a measurement gives them.
     work : float [J/m2]
-        Of adhesion.
+        Of adhesion; by default that of a clean smooth polymer on glass or sapphire, the most to expect.
 
     Raises
     ------

@@ -34,7 +34,7 @@ from labpipe.compilation import inner, lean
 EDGE_OFFSET = 0.17464
 # In place of the number of springs in contact: a spring is touched before one nearer to the centre, or carries more;
 # the contact reaches the end of the bed.
-NOT_NESTED, OUTGROWN = -1, -2
+OUTGROWN, NOT_NESTED = range(-2, 0)
 # Loads may differ from nested order by rounding only; relative tolerance of a displacement that carries a given force.
 _NESTED_TOLERANCE, _EDGE_TOLERANCE = 1e-9, 1e-13
 

@@ -33,14 +33,13 @@ Control = Literal["displacement", "force"]
 DISPLACEMENT, FORCE, INERTIA = range(3)
 # How steps end, besides NOT_NESTED and OUTGROWN.
 DONE, TOO_MANY, RELEASED, RESTING, FULL = range(5)
-# Third-order local error: the factor on the step that would just meet the tolerance, with a margin, and its bounds.
-_ORDER, _MARGIN = 1.0 / 3.0, 0.85
-_SHRINK, _GROW = 0.1, 4.0
+#: Margin of the factor on a step that would just meet the tolerance, and its bounds.
+MARGIN, SHRINK, GROW = 0.85, 0.1, 4.0
 # Steps ten times shorter each that may look like a contact that is not nested.
 _UNNESTED_STEPS = 8
 _MAX_STEPS_PER_INTERVAL = 20_000
-# A contact ends where its force has fallen to this part of its largest.
-_AT_LIFT_OFF = 1e-11
+#: A contact ends where its force has fallen to this part of its largest.
+AT_LIFT_OFF = 1e-11
 # No step is shorter than this part of the longest.
 _SHORTEST = 1e-12
 # One that has lasted longer than the period at rest only rings down: its steps may err more.
@@ -355,10 +354,10 @@ def cross(
                 scales[2] = max(scales[2], made.displacement)
                 error = max(error, made.error / scales[2])
             error /= tolerance
-        factor = _MARGIN * min(max(error, 1e-12), 1e12) ** -_ORDER
+        factor = MARGIN * min(max(error, 1e-12), 1e12) ** (-1.0 / 3.0)  # of third order
         if not error <= 1.0:
             counts[1] += 1
-            step = dt * min(max(factor, _SHRINK), _MARGIN)
+            step = dt * min(max(factor, SHRINK), MARGIN)
             continue
         counts[0] += 2
         answer[0], answer[1], answer[2] = made.displacement, made.force, made.half_width
@@ -367,7 +366,7 @@ def cross(
         answer[4] += max(work - (held - answer[5]), 0.0)
         answer[5] = held
         # A step cut short by the end of the interval says nothing against the longer one.
-        step = max(dt * min(max(factor, _SHRINK), _GROW), step if is_last else 0.0)
+        step = max(dt * min(max(factor, SHRINK), GROW), step if is_last else 0.0)
         if is_last:
             answer[6] = step
             return DONE
@@ -419,17 +418,17 @@ def swing(
             if unnested > _UNNESTED_STEPS:
                 return row, NOT_NESTED
             counts[1] += 1
-            pace.dt = dt * _SHRINK
+            pace.dt = dt * SHRINK
             continue
         lifted = room.middle[0] <= 0.0 or room.end[0] <= 0.0
-        if now.force > 0.0 and lifted and now.force > _AT_LIFT_OFF * pace.peak and not is_tiny:
+        if now.force > 0.0 and lifted and now.force > AT_LIFT_OFF * pace.peak and not is_tiny:
             # Next to where the load of the spring at the centre, which lets go last, would vanish.
             over = room.past_end[0] - made.displacement
             if room.middle[0] <= 0.0:
                 over = room.past_half[0] - made.half_way
             over = max(over, 0.0) / made.compliance
             part = (0.5 if room.middle[0] <= 0.0 else 1.0) * room.load[0] / (room.load[0] + over)
-            pace.dt = dt * min(max(0.98 * part, _SHRINK), 0.98)
+            pace.dt = dt * min(max(0.98 * part, SHRINK), 0.98)
             continue
         if now.force > 0.0 and lifted:
             room.load[:] = 0.0
@@ -438,12 +437,12 @@ def swing(
                 trail[row - 1] = now
             return row, RELEASED
         error, unnested = made.error / (rules.allowed * pace.leniency), 0
-        factor = _MARGIN * min(max(error, 1e-12), 1e12) ** -_ORDER
+        factor = MARGIN * min(max(error, 1e-12), 1e12) ** (-1.0 / 3.0)  # of third order
         if not error <= 1.0:
             if is_tiny:
                 return row, NOT_NESTED
             counts[1] += 1
-            pace.dt = dt * min(max(factor, _SHRINK), _MARGIN)
+            pace.dt = dt * min(max(factor, SHRINK), MARGIN)
             continue
         held, work, _ = _accept(on, dt)
         end = room.end_motion
@@ -456,7 +455,7 @@ def swing(
         now.approach, now.force, now.contact_radius = end[0] - end[3], made.force, made.half_width
         now.stored, now.time = held, until if ends else now.time + dt
         pace.peak = max(pace.peak, now.force)
-        pace.dt = max(dt * min(max(factor, _SHRINK), _GROW), pace.dt if ends else 0.0)
+        pace.dt = max(dt * min(max(factor, SHRINK), GROW), pace.dt if ends else 0.0)
         counts[0] += 1
         trail[row] = now
         row += 1

@@ -32,16 +32,14 @@ _APART = 1.0  # standard coordinates between two starts that count as different
 _FAR = 1e4  # residual of a trial that the model refuses
 _ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a fit ends
 _MOST_STEPS = 25
-_DAMPING, _WORSE, _BETTER, LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e9
+_DAMPING, _FACTOR = 1e-3, 20.0  # of the first step, and by which it grows after a bad step and falls after a good one
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
-_ROUNDS, _PATIENCE = 12, 6  # of corrections, and before discrepancies are looked for anyway
+_ROUNDS = 12  # of corrections; in the second half discrepancies are looked for anyway
 _LOOKS = 4  # for discrepancies; they stay after the last one
-_ALIKE = 0.1  # relative change of a discrepancy that changes nothing
 _NEAR = 1.0  # standard deviations from round to round, from where on exact minima are worth it
-_SETTLED = 0.1  # standard deviations by which the answer may still move
+_SETTLED = 0.1  # standard deviations by which the answer, and share by which a discrepancy, may still change
 _SURE = 0.99  # a misfit shows where its chi square exceeds this quantile
 _HIGHEST_CORRELATION = 0.9
-_FEWEST_FOR_CORRELATION = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +95,12 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
         moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(covariance))))
         is_converged = decrease == _EXACT and moved < _SETTLED
         decrease = _EXACT if moved < _NEAR else _ROUGH
-        if not is_converged and round_ < _PATIENCE:
+        if not is_converged and round_ < _ROUNDS // 2:
             continue  # what corrections still explain is no discrepancy
         found = objective.new_misfits(xi, propagated_variance(jacobian, covariance)) if looks < _LOOKS else misfits
         looks += 1
         is_same = found.keys() == misfits.keys() and all(
-            abs(m.relative - misfits[key].relative) <= _ALIKE * m.relative for key, m in found.items()
+            abs(m.relative - misfits[key].relative) <= _SETTLED * m.relative for key, m in found.items()
         )
         if is_converged and is_same:
             break
@@ -156,13 +154,13 @@ class Objective:
         for _ in range(_MOST_STEPS):
             trial, promised = self.surrogate(xi, rows).lowest(damping, BOUND)
             height = 0.5 * float(rows @ rows)
-            if height - promised < decrease or damping > _MOST_DAMPING:
+            if height - promised < decrease:
                 break
             found = self.residuals(trial)
             if 0.5 * float(found @ found) >= height:
-                damping *= _WORSE
+                damping *= _FACTOR
                 continue
-            xi, rows, damping = trial, found, max(damping * _BETTER, LEAST_DAMPING)
+            xi, rows, damping = trial, found, damping / _FACTOR
         return xi
 
     def new_misfits(self, xi: Floats, used: Floats) -> Misfits:
@@ -213,12 +211,10 @@ def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | N
 
 
 def neighbours(normalised: Floats) -> float:
-    """Return the correlation of neighbouring residuals, 0 to 0.9; 0 where there are few."""
-    if normalised.size < _FEWEST_FOR_CORRELATION:
-        return 0.0
+    """Return the correlation of neighbouring residuals, 0 to 0.9; 0 where it may be by chance."""
     power = float(normalised @ normalised)
     value = float(normalised[1:] @ normalised[:-1]) / power if power > 0.0 else 0.0
-    chance = 2.0 / np.sqrt(normalised.size)
+    chance = 2.0 / np.sqrt(max(normalised.size, 1))
     return float(np.clip(value, 0.0, _HIGHEST_CORRELATION)) if value > chance else 0.0
 
 

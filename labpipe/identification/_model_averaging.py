@@ -21,7 +21,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.identification._evidence import Evidence
-from labpipe.identification._fit import BOUND, LEAST_DAMPING, Fit, Objective, fit, laplace
+from labpipe.identification._fit import BOUND, Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
 from labpipe.identification._problem import Problem
 from labpipe.identification._spectra import SmoothSpectrum, relaxation_times
@@ -75,7 +75,7 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
         own = Problem(spectrum, rebuilt(spectrum.rho), problem.nuisances)
         at = np.append(np.clip(spectrum.coordinates_of(begin), -BOUND, BOUND), found.xi[n:])
         surrogate = Objective(own, found.corrections, found.misfits).surrogate(at)
-        lowest, cost = surrogate.lowest(LEAST_DAMPING, BOUND)
+        lowest, cost = surrogate.lowest(0.0, BOUND)
         covariance, size = laplace(surrogate.jacobian(lowest))
         made.append(Structure(name, spectrum, lowest, covariance, -cost - 0.5 * size))
     made.sort(key=lambda one: -one.weight)

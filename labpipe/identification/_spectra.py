@@ -40,10 +40,6 @@ _PER_DECADE = 0.5 * log(10.0)
 """Standard deviation of the change of a spectrum from one decade to the next: in logarithmic
 coordinates the flanks of spectra are seldom steeper than one to one, which makes two of them."""
 
-_TURN = 2.0
-"""Decades within which the slope of a smooth spectrum forgets itself."""
-
-_FINE = 2  # terms per decade where data are; where only the prior speaks there is one
 _MARGIN = 10.0  # the fine grid goes a decade beyond the data
 _QUICKER = 2
 """Decades below the fine grid, one term each: a spectrum that rises towards a glass transition
@@ -53,7 +49,7 @@ HORIZON = 1e9
 """s; "relaxed" is what is left after thirty years, not after a record."""
 
 
-def relaxation_times(shortest: float, longest: float, per_decade: int = _FINE) -> Floats:
+def relaxation_times(shortest: float, longest: float, per_decade: int = 2) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
     ``shortest``, ``longest`` [s]: Shortest and longest time that the data cover. ``per_decade``: Through the
@@ -85,7 +81,7 @@ class SmoothSpectrum:
 
     rho: Floats
     nu: float
-    turn: float = _TURN
+    turn: float = 2.0
 
     def __post_init__(self) -> None:
         if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:

@@ -32,7 +32,13 @@ class Judgement:
         alike: dict[tuple[object, ...], list[Check]] = {}
         for c in sorted((c for c in self.checks if c.level is not None), key=_order):
             alike.setdefault((c.name, c.level, c.cause, c.file, c.line, c.setting), []).append(c)
-        return tuple(map(_finding, alike.values()))
+        made = []
+        for same in alike.values():  # one finding of checks that fail for one cause in one place
+            worst = max(same, key=lambda c: abs(c.margin) if isfinite(c.margin) else 0.0)
+            message = f"{worst.message}{f' (and in {len(same) - 1} more)' if len(same) > 1 else ''}"
+            where = worst.cause, worst.file, worst.line, worst.setting
+            made.append(Finding(worst.title or worst.name, worst.level or "note", message, *where))
+        return tuple(made)
 
     @property
     def rows(self) -> tuple[CheckSummary, ...]:
@@ -60,38 +66,30 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[s
     """
     ranked = explain(checks, causes)
     explained = [replace(check, cause=check.cause or check.otherwise) for check in with_causes(checks, ranked)]
-    explained = [_specific(check, explained) if check.is_generic else check for check in explained]
+    specific = []
+    for (
+        check
+    ) in explained:  # a failed step has the cause of the gravest finding about its recording, where there is one
+        known = [c for c in explained if not c.is_generic and c.cause and WEIGHT[c.level] > WEIGHT["note"]]
+        known = [c for c in known if not (check.file and c.recording) or c.recording == check.file]
+        if not check.is_generic or not known or check.level is None or check.line is not None:
+            specific.append(check)
+            continue
+        worst = min(known, key=_order)
+        specific.append(replace(check, cause=worst.cause, file=worst.file, line=worst.line, setting=worst.setting))
     levels = {c.level for c in checks}
     believable: Verdict = "yes"
     if grave := levels & {"impossible", "doubtful"}:
         believable = "impossible" if "impossible" in grave else "doubtful"
     elif not any(c.is_made for c in checks) or any(c.level and not c.is_made for c in checks):
         believable = "unknown"
-    judged = Judgement(believable, tuple(explained), laws=laws or {})
+    judged = Judgement(believable, tuple(specific), laws=laws or {})
     sentences = [e.sentence for e in ranked] + [f.cause for f in judged.findings if f.cause]
     return replace(judged, causes=tuple(dict.fromkeys(sentences)))
 
 
 def _order(check: Check) -> tuple[bool, bool, int]:
     return check.level == "note", check.is_generic, -WEIGHT[check.level]
-
-
-def _finding(alike: Sequence[Check]) -> Finding:
-    """Make one finding of checks that fail for one cause in one place."""
-    worst = max(alike, key=lambda c: abs(c.margin) if isfinite(c.margin) else 0.0)
-    more = f" (and in {len(alike) - 1} more)" if len(alike) > 1 else ""
-    title, level, message = worst.title or worst.name, worst.level or "note", f"{worst.message}{more}"
-    return Finding(title, level, message, worst.cause, worst.file, worst.line, worst.setting)
-
-
-def _specific(failed: Check, checks: Sequence[Check]) -> Check:
-    """Give a failed step the cause of the gravest finding about its recording, where there is one."""
-    known = [c for c in checks if not c.is_generic and c.cause and WEIGHT[c.level] > WEIGHT["note"]]
-    known = [c for c in known if not (failed.file and c.recording) or c.recording == failed.file]
-    if not known or failed.level is None or failed.line is not None:
-        return failed
-    worst = min(known, key=_order)
-    return replace(failed, cause=worst.cause, file=worst.file, line=worst.line, setting=worst.setting)
 
 
 def to_json(judgement: Judgement) -> str:

@@ -34,7 +34,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials._shift_law import ShiftLaw
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
-from labpipe.materials.spectrum import moduli_of_terms
+from labpipe.materials.spectrum import NNLS_STEPS_PER_COLUMN, moduli_of_terms
 from labpipe.units import ZERO_CELSIUS
 
 Bulk = Literal["constant", "relaxing", "incompressible"]
@@ -47,7 +47,7 @@ _TOLERANCE = 0.01  # root-mean-square relative error that the reduction of terms
 _OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which the long-time modulus may be wrong by
 _WIDTH = 74  # of a line of remarks; LS-DYNA reads 80 characters
 _MOST_TERMS = 17  # LS-DYNA reads 18, of which one is the long-time modulus
-_POINTS_PER_DECADE, _NNLS_STEPS_PER_COLUMN = 10, 50  # of the reduction to few terms
+_POINTS_PER_DECADE = 10  # of the reduction to few terms
 _NEARLY = 1000.0  # bulk over shear modulus where a code has no incompressible material
 
 
@@ -211,7 +211,7 @@ def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: floa
         rho = np.geomspace(1.0 / omega[-1], 1.0 / omega[0], terms) if terms > 1 else middle
         rows = moduli_of_terms(np.log(omega), np.log(rho)) / np.concatenate([exact.real, exact.imag])[:, None]
         scale = 1.0 / np.linalg.norm(rows, axis=0)
-        weight = scale * nnls(rows * scale, np.ones(len(rows)), maxiter=_NNLS_STEPS_PER_COLUMN * rows.shape[1])[0]
+        weight = scale * nnls(rows * scale, np.ones(len(rows)), maxiter=NNLS_STEPS_PER_COLUMN * rows.shape[1])[0]
         error = max(float(np.sqrt(np.mean(part**2))) for part in np.split(rows @ weight - 1.0, 2))
         if error <= tolerance:
             kept = weight[:-1] > 0

@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
+from scipy.constants import R
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -29,8 +30,8 @@ from labpipe.units import ZERO_CELSIUS
 LawName = Literal["wlf", "arrhenius"]
 
 #: Gas constant times ln 10, J/(mol K).
-_GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
-_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
+_GAS_LN10 = R * float(np.log(10.0))
+HOLDS = 4.0  # chi-square per degree of freedom, or F of free shifts: twice the stated uncertainty on the whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ class ShiftLaw:
     @property
     def holds(self) -> bool:
         """Whether it describes the free shifts within their uncertainty; without such shifts nothing contradicts it."""
-        return not (self.freedom and self.chi_square / self.freedom > _HOLDS)
+        return not (self.freedom and self.chi_square / self.freedom > HOLDS)
 
     def about(self, T_ref: float) -> "ShiftLaw | None":
         """Return the same law about another reference temperature [degC]; None beyond the pole of a WLF law.

@@ -20,12 +20,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from labpipe.errors import InputError
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
-from labpipe.materials.spectrum import TERMS_PER_DECADE, compress, second_differences, solve_by_cross_validation
+from labpipe.materials.spectrum import (
+    LEAST_POINTS,
+    MARGIN_DECADES,
+    TERMS_PER_DECADE,
+    compress,
+    second_differences,
+    solve_by_cross_validation,
+)
 from labpipe.variables import variable
 
-_LEAST = 8  # readings over time
 _WITHIN = 0.5  # decades inside the measured times at either end, where a frequency is trusted
-_MARGIN = 1.5  # decades of terms beyond the measured times
 _PER_DECADE = 5  # frequencies, on a grid that all temperatures share
 _ONE_TEMPERATURE = 1.5  # K between neighbouring readings of one test
 _COLUMNS = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "temperature": "degC", "is_valid": "1"}
@@ -39,16 +44,16 @@ def _fitted(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Prony, float
     t, y = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
     good = np.isfinite(t) & np.isfinite(y) & (t > 0)
     t, y = t[good], y[good]
-    if t.size < _LEAST or np.ptp(np.log10(t)) < 2 * _WITHIN:
+    if t.size < LEAST_POINTS or np.ptp(np.log10(t)) < 2 * _WITHIN:
         raise InputError(
-            f"found {t.size} readings after the step"
-            f"{f', from {t.min():.3g} to {t.max():.3g} s' if t.size else ''}; a spectrum needs {_LEAST} over a decade"
+            f"found {t.size} readings after the step{f', from {t.min():.3g} to {t.max():.3g} s' if t.size else ''}; "
+            f"a spectrum needs {LEAST_POINTS} over a decade"
         )
     if (y <= 0).any():
         message = f"the {name.split('_')[1]} is zero or negative at {int((y <= 0).sum())} of {y.size} times; expected"
         raise InputError(f"{message} positive values")
     # Terms over the measured times and beyond, where the tails of faster and slower ones come from.
-    low, high = np.log10(t.min()) - _MARGIN, np.log10(t.max()) + _MARGIN
+    low, high = np.log10(t.min()) - MARGIN_DECADES, np.log10(t.max()) + MARGIN_DECADES
     terms = np.logspace(low, high, int(np.ceil((high - low) * TERMS_PER_DECADE)) + 1)
     decay, constant = np.exp(-t[:, None] / terms), np.ones((t.size, 1))
     parts = [decay, constant] if name == "relaxation_modulus" else [1.0 - decay, constant, t[:, None] / t.max()]

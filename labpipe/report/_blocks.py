@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import NormalDist
 from typing import Any, Literal, TypeAlias
 
 from labpipe.errors import InputError
@@ -12,7 +13,7 @@ from labpipe.report._charts import LineChart
 from labpipe.report._tables import MINUS, CellBlock, Column, Table, number, quantity
 
 Level = Literal["ok", "info", "warning", "error"]
-SURE = 1.96
+SURE = NormalDist().inv_cdf(0.975)
 """Standard uncertainties within which 95 % of the differences lie."""
 _SIGNATURES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
 _SVG_HEAD = re.compile(rb"\s*(<\?xml[^>]*\?>\s*)?(<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<svg[\s>]", re.DOTALL)
@@ -219,7 +220,7 @@ class Deviations:
             (name, [(place(v), state(v), f"{whose}: {number(v, 2)} u") for v, whose in points])
             for name, points in self.rows
         ]
-        ticks = [(place(value), f"{value:g}".replace("-", MINUS)) for value in (-reach, -SURE, 0.0, SURE, reach)]
+        ticks = [(place(value), f"{value:.3g}".replace("-", MINUS)) for value in (-reach, -SURE, 0.0, SURE, reach)]
         return {"rows": rows, "ticks": ticks, "band": (place(-SURE), round(100 * SURE / reach, 2))}
 
 

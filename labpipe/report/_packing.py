@@ -180,7 +180,18 @@ def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[fl
 
 def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
     source, look = drawn.source, drawn.look
-    names = ("low", "high") if source.style == "band" else ("y", "u")
+    packed: dict[str, Any] = {}
+    for name, curve in zip(("low", "high") if source.style == "band" else ("y", "u"), drawn.curves, strict=False):
+        # values as 32-bit numbers: offset + scale * data
+        finite = curve[np.isfinite(curve)]
+        offset = low = high = 0.0
+        if finite.size:
+            low, high = float(finite.min()), float(finite.max())
+            middle = low + (high - low) / 2
+            offset = middle if abs(middle) > _OFFSET_RATIO * (high - low) / 2 else 0.0
+        scale = max(abs(low - offset), abs(high - offset)) or 1.0  # float32 ends at 3e38 and loses digits below 1e-38
+        data = ((curve - offset) / scale).astype("<f4").tobytes()
+        packed[name] = {"offset": offset, "scale": scale, "data": b64encode(data).decode()}
     return {
         "name": source.name,
         "axis": axis,
@@ -195,17 +206,4 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
         "isLabelled": source.level is not None,
         "onHover": source.on_hover,
         "width": look.width,
-    } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}
-
-
-def _packed_curve(curve: "Floats") -> dict[str, Any]:
-    """Store values as 32-bit numbers: ``offset + scale * data``."""
-    finite = curve[np.isfinite(curve)]
-    offset = low = high = 0.0
-    if finite.size:
-        low, high = float(finite.min()), float(finite.max())
-        middle = low + (high - low) / 2
-        offset = middle if abs(middle) > _OFFSET_RATIO * (high - low) / 2 else 0.0
-    scale = max(abs(low - offset), abs(high - offset)) or 1.0  # float32 ends at 3e38 and loses digits below 1e-38
-    data = ((curve - offset) / scale).astype("<f4").tobytes()
-    return {"offset": offset, "scale": scale, "data": b64encode(data).decode()}
+    } | packed

@@ -43,7 +43,6 @@ LONGEST_ARC = 12e-3  # of flight used on either side of an impact, s; longer add
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _ENDS = 4  # readings at either end of a record that do not show which way it falls
-_LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
@@ -262,7 +261,7 @@ def fitted(
         end = min(time[after.stop - 1], turn.liftoff + LONGEST_ARC)
         window = slice(*(int(i) for i in np.searchsorted(time, [begin, end])))
         guess = (turn.touch, turn.liftoff)
-        if window.stop - window.start < _LEAST_READINGS:
+        if window.stop - window.start < FEWEST_IN_FLIGHT:
             if impacts:
                 return impacts, turn.touch
             raise InputError(f"no bounce found: hardly any reading is near the contact at {turn.touch:.4g} s")
@@ -277,32 +276,25 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
     """Collect the fits over the dimension impact."""
     found: dict[str, Any] = {}
     for k, (name, (unit, label)) in enumerate(LABELS.items()):
-        values = [impact.value[k] * (direction if name.endswith("_level") else 1) for impact in impacts]
-        found |= with_u(name, "impact", values, [impact.u[k] for impact in impacts], unit, label)
+        measured = [impact.value[k] * (direction if name.endswith("_level") else 1) for impact in impacts]
+        found |= with_u(name, "impact", measured, [impact.u[k] for impact in impacts], unit, label)
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             shared = [np.linalg.norm(impact.by_shape[k]) for impact in impacts]
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
-    common = np.array([_in_common(impact) for impact in impacts])
-    for name, parts in zip(TOGETHER, np.moveaxis(common, 1, 0), strict=True):
+    # Common are the shape of the pulse and, independent of it, as many deviations of the noise: the symmetric root of
+    # the rest of the covariance (quantity, unknown) of each impact.
+    common, rows = [], [OUTPUTS.index(name) for name in TOGETHER]
+    for impact in impacts:
+        by_shape = impact.by_shape[rows]
+        left = impact.covariance[np.ix_(rows, rows)] - by_shape @ by_shape.T
+        size = np.sqrt(np.maximum(np.diagonal(left), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(left / np.outer(size, size))
+        common.append(np.hstack([by_shape, size[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)]))
+    for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
         text = f"change of {LABELS[name][1]} by one deviation of each common unknown"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
     return found
-
-
-def _in_common(impact: ImpactFit) -> Floats:
-    """Return the change of each of :data:`TOGETHER` by each common unknown (quantity, unknown) of one impact.
-
-    Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the symmetric root of
-    the rest of the covariance.
-    """
-    rows = [OUTPUTS.index(name) for name in TOGETHER]
-    by_shape = impact.by_shape[rows]
-    left = impact.covariance[np.ix_(rows, rows)] - by_shape @ by_shape.T
-    size = np.sqrt(np.maximum(np.diagonal(left), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(left / np.outer(size, size))
-    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return np.hstack([by_shape, size[:, None] * root])
 
 
 def _release(

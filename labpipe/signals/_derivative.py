@@ -28,7 +28,6 @@ from labpipe.variables import described
 
 Method = Literal["spline", "thesis", "difference"]
 
-THESIS_WINDOW = 5  # of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function
 _FEWEST_FOR_SPLINE = 12  # below, noise and motion cannot be distinguished
 
 
@@ -40,7 +39,7 @@ def velocity(
     breaks: ArrayLike | None = None,
     releases: ArrayLike | None = None,
     noise: Measure | None = None,
-    window: int = THESIS_WINDOW,
+    window: int = 5,
 ) -> xr.DataArray:
     """Differentiate a displacement record.
 
@@ -62,7 +61,8 @@ def velocity(
     noise : float or text with a unit, optional [m]
         Standard deviation of the samples' white noise. Default: estimated from the record.
     window : int
-        Thesis only: number of samples; an even number is reduced by one, as ``smooth`` does.
+        Thesis only: number of samples, by default that of ``smooth(v)``, as the thesis does not print it; an even
+        number is reduced by one, as ``smooth`` does.
 
     Returns
     -------

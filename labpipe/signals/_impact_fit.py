@@ -103,17 +103,6 @@ def _tables() -> tuple[Floats, Floats, Floats, Floats]:
 _S, _SHAPES, _FIRST, _SECOND = _tables()
 
 
-def _at(s: Floats, tables: Floats) -> Floats:
-    """Interpolate tables (table, node) linearly at s (n,); beyond 0..1, where most samples lie, they stay constant."""
-    found = np.where(s < 0.5, tables[:, :1], tables[:, -1:])
-    within = np.flatnonzero((s > 0.0) & (s < 1.0))
-    place = s[within] * (_NODES - 1)
-    cell = place.astype(np.intp)
-    below = tables[:, cell]
-    found[:, within] = below + (place - cell) * (tables[:, cell + 1] - below)
-    return found
-
-
 def fit_impact(
     time: Floats,
     position: Floats,
@@ -255,8 +244,15 @@ def _model(t: Floats, p: Floats) -> tuple[Floats, Floats]:
     level, speed, pulse, *_, touch, liftoff, gravity = p
     length, shape = liftoff - touch, np.append(1.0, p[_SHAPE])
     s = (t - touch) / length
-    first, *seconds = _at(s, np.vstack([shape @ _FIRST, _SECOND]))
-    each = np.array(seconds) + np.multiply.outer(_FIRST[:, -1], np.maximum(s - 1.0, 0.0))
+    # linear between the nodes; beyond 0..1, where most samples lie, the tables stay constant
+    tables = np.vstack([shape @ _FIRST, _SECOND])
+    found = np.where(s < 0.5, tables[:, :1], tables[:, -1:])
+    within = np.flatnonzero((s > 0.0) & (s < 1.0))
+    place = s[within] * (_NODES - 1)
+    cell = place.astype(np.intp)
+    below = tables[:, cell]
+    found[:, within] = below + (place - cell) * (tables[:, cell + 1] - below)
+    first, each = found[0], found[1:] + np.multiply.outer(_FIRST[:, -1], np.maximum(s - 1.0, 0.0))
     second = shape @ each
     result = np.empty((len(t), len(NAMES)))
     result[:, 0], result[:, 1], result[:, _GRAVITY] = 1.0, t, -0.5 * t**2

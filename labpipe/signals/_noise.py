@@ -14,7 +14,7 @@ import numpy as np
 from labpipe.arrays import Floats
 
 _DIFFERENCE_ORDER = 8  # a sinusoid of 20 samples per period is suppressed 2e4 times against noise
-_LARGEST_BLOCK, _FEWEST_DIFFERENCES = 64, 64
+_LARGEST_BLOCK = 64  # of samples, and the fewest differences in one
 _PLATEAU = 1.3  # two doublings of the block that change no more than this: it no longer grows
 _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise is treated so
 
@@ -54,7 +54,7 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
         time = None
     levels: list[float] = []
     block = 1
-    while block == 1 or (block <= _LARGEST_BLOCK and len(values) >= _FEWEST_DIFFERENCES):
+    while block == 1 or (block <= _LARGEST_BLOCK <= len(values)):
         levels.append(sqrt(block) * difference_sigma(values, time))
         even = slice(len(values) // 2 * 2)
         values = 0.5 * (values[even][::2] + values[even][1::2])

@@ -46,7 +46,7 @@ def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     return np.divide(inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0)
 
 
-_TRIAL_RATES = (0.1, 0.5, 1.5, 4.0, 10.0, 30.0)  # decay over the record, to begin the fit with
+_TRIAL_RATES = np.geomspace(0.1, 30.0, 6)  # decay over the record, to begin the fit with
 _FEWEST_CYCLES = 1.5  # of a decaying vibration
 
 

@@ -17,7 +17,7 @@ from labpipe.signals._noise import difference_sigma
 from labpipe.signals._oscillation import Oscillation, fit_sinusoid, strongest_line, varying
 from labpipe.signals._readings import LEAST
 
-_ONSET_READINGS, _BLOCK_READINGS = 8, 16  # in the blocks by which an onset is found, and a stretch grows
+_HALF = 8  # readings in the blocks by which an onset is found; twice as many in those by which a stretch grows
 
 
 class Ringing(NamedTuple):
@@ -58,9 +58,9 @@ def ringing(
         Nothing moves, or the motion is not a free ringing.
     """
     t, y = varying(time, signal)
-    if len(t) < 8 * _ONSET_READINGS:
-        raise InputError(f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}")
-    quiet = y[: max(int(0.05 * len(y)), 4 * _ONSET_READINGS)]
+    if len(t) < 8 * _HALF:
+        raise InputError(f"a ringing needs {8 * _HALF} readings; found {len(t)}")
+    quiet = y[: max(int(0.05 * len(y)), 4 * _HALF)]
     white, spread = difference_sigma(quiet), float(np.std(quiet))
     least = white if noise is None else max(white, noise)
     if not (np.isfinite(least) and least > LEAST):
@@ -76,23 +76,22 @@ def ringing(
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
     # The first reading of the first two blocks in a row whose means move by six standard uncertainties.
-    means = y[: y.size // _ONSET_READINGS * _ONSET_READINGS].reshape(-1, _ONSET_READINGS).mean(axis=1)
-    has_moved = np.abs(means) > 6.0 * sigma / np.sqrt(_ONSET_READINGS)
+    means = y[: y.size // _HALF * _HALF].reshape(-1, _HALF).mean(axis=1)
+    has_moved = np.abs(means) > 6.0 * sigma / np.sqrt(_HALF)
     found = np.flatnonzero(has_moved[:-1] & has_moved[1:])
     if not len(found):
         raise InputError(
             f"nothing moves in this record of {t[-1] - t[0]:.3g} s: no reading leaves the rest "
             f"position by more than the noise of {sigma:.2g} m"
         )
-    onset = float(t[int(found[0]) * _ONSET_READINGS])
+    onset = float(t[int(found[0]) * _HALF])
     stretch = slice(*_grown(t, y, sigma, _seed(t, y, onset, longest_impact, shortest_pause)))
     free = fit_sinusoid(t[stretch], y[stretch], is_damped=True)
     # Nearest to the middle of the impact, the fit leaves rest in its direction.
     at = free.reference_time + (np.pi - free.phase) / (2 * np.pi * free.frequency)
     blow = float(at + np.round((onset + 0.25 * longest_impact - at) * free.frequency) / free.frequency)
     # The uncertainties hold the changes by other ends of the stretch.
-    half = _BLOCK_READINGS // 2
-    ends = (stretch, slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
+    ends = (stretch, slice(stretch.start + _HALF, stretch.stop), slice(stretch.start, stretch.stop - 2 * _HALF))
     fit, *others = (fit_sinusoid(t[s], y[s], free.frequency, is_damped=True, reference_time=blow) for s in ends)
     if fit.amplitude < 3.0 * sigma:
         raise InputError(
@@ -121,7 +120,7 @@ def blows(
     size, gap = round(1.0 / frequency / interval), round(longest_impact / interval)
     rate = omega * damping_ratio / np.sqrt(1.0 - damping_ratio**2)
     u = noise * float(np.sqrt(4.0 / max(size, 1)))
-    if size < _ONSET_READINGS or signal.size <= 2 * size + gap:
+    if size < _HALF or signal.size <= 2 * size + gap:
         return np.zeros(0), np.zeros(0), u
     windows = np.lib.stride_tricks.sliding_window_view(signal, size)
 
@@ -146,10 +145,10 @@ def _seed(t: Floats, y: Floats, onset: float, longest_impact: float, shortest_pa
             f"the record ends {t[-1] - onset:.3g} s after the impact; it must last for the "
             f"shortest pause, {shortest_pause:.3g} s"
         )
-    if high - low < _ONSET_READINGS:
+    if high - low < _HALF:
         raise InputError(
             f"{high - low} readings lie between the longest impact and the shortest pause after "
-            f"{onset:.6g} s; at least {_ONSET_READINGS} are needed"
+            f"{onset:.6g} s; at least {_HALF} are needed"
         )
     frequency = strongest_line(t[low:high] - t[low], y[low:high], taper=False)
     cycles = frequency * (t[high - 1] - t[low])
@@ -167,7 +166,7 @@ def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[i
     The impact fades out like the force of a contact, below the noise before it ends.
     """
     low, high = seed
-    fit, fitted, half = fit_sinusoid(t[low:high], y[low:high], is_damped=True), high - low, _BLOCK_READINGS // 2
+    fit, fitted = fit_sinusoid(t[low:high], y[low:high], is_damped=True), high - low
 
     def is_predicted(block: slice) -> bool:
         """Fit again only when the stretch has grown by half; a mean square may exceed the noise by 4 deviations."""
@@ -177,10 +176,10 @@ def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[i
         left = y[block] - fit.at(t[block])
         return float(np.mean(left**2)) < (1.0 + 4.0 * np.sqrt(2.0 / left.size)) * max(sigma, fit.residual_rms) ** 2
 
-    while high + _BLOCK_READINGS <= len(t) and is_predicted(slice(high, high + _BLOCK_READINGS)):
-        high += _BLOCK_READINGS
-    if high + _BLOCK_READINGS <= len(t):
-        high = max(seed[1], high - _BLOCK_READINGS)
-    while low >= half and is_predicted(slice(low - half, low)):
-        low -= half
-    return (min(seed[0], low + _BLOCK_READINGS) if low >= half else low), high
+    while high + 2 * _HALF <= len(t) and is_predicted(slice(high, high + 2 * _HALF)):
+        high += 2 * _HALF
+    if high + 2 * _HALF <= len(t):
+        high = max(seed[1], high - 2 * _HALF)
+    while low >= _HALF and is_predicted(slice(low - _HALF, low)):
+        low -= _HALF
+    return (min(seed[0], low + 2 * _HALF) if low >= _HALF else low), high

@@ -28,14 +28,13 @@ class ShapePrior(NamedTuple):
     root: Floats = np.eye(5)
 
 
-_CORRELATION = (
-    (1.0, -0.88, -0.42, -0.89, -0.88),
-    (-0.88, 1.0, 0.02, 0.84, 0.94),
-    (-0.42, 0.02, 1.0, 0.19, 0.14),
-    (-0.89, 0.84, 0.19, 1.0, 0.90),
-    (-0.88, 0.94, 0.14, 0.90, 1.0),
-)
-"""Of the five in impacts of polymers of the same loss: they go together, as steeply as the solid relaxes."""
+# In impacts of polymers of the same loss flatness, crest and onset rise and lean falls together, as steeply as the
+# solid relaxes; skewness goes with lean only.
+_TOGETHER, _LEAN_AND_SKEWNESS = 0.9, -0.3
+_SIGN = np.array([-1.0, 1.0, 0.0, 1.0, 1.0])
+_CORRELATION = _TOGETHER * np.outer(_SIGN, _SIGN)
+np.fill_diagonal(_CORRELATION, 1.0)
+_CORRELATION[0, 2] = _CORRELATION[2, 0] = _LEAN_AND_SKEWNESS
 
 PRIORS = {
     "any": ShapePrior(

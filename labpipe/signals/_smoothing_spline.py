@@ -43,7 +43,24 @@ def smooth(
     """
     scale, offset = float(np.median(np.diff(time))), float(np.mean(values))
     x, z = (time - time[0]) / scale, (values - offset) / sigma
-    knots = _knots(x, z, [(np.asarray(each, float) - time[0]) / scale for each in cuts])
+    # knots at a density that follows the curve, manifold ones at contacts and releases
+    n, distance = len(x), distances(z)
+    density = np.concatenate([[0.0], np.cumsum(LEAF / distance)])
+    edge = np.minimum(np.arange(len(density)) * LEAF, n - 1)
+    wanted = np.linspace(0.0, density[-1], max(int(np.ceil(density[-1])), 1) + 1)
+    breaks = np.interp(np.interp(wanted, density, edge), np.arange(n), x)
+    breaks = breaks[np.concatenate([[True], np.diff(breaks) > 0])]
+    for each, multiplicity in zip(cuts, _MULTIPLICITY, strict=True):
+        times = (np.asarray(each, float) - time[0]) / scale
+        inside = np.unique(times[(times > x[1]) & (times < x[-2])])
+        if len(inside):
+            # A simple knot within half a sample of a cut would leave an interval without samples.
+            fences = np.concatenate([[-np.inf], inside, [np.inf]])
+            place = np.searchsorted(fences, breaks)
+            is_kept = np.minimum(fences[place] - breaks, breaks - fences[place - 1]) > 0.5
+            is_kept[[0, -1]] = True
+            breaks = np.sort(np.concatenate([breaks[is_kept], np.repeat(inside, multiplicity)]))
+    knots = np.concatenate([np.repeat(breaks[0], DEGREE), breaks, np.repeat(breaks[-1], DEGREE)])
     count = len(knots) - DEGREE - 1
     start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)
     breaks, first = np.append(knots[start], knots[-1]), start - DEGREE
@@ -56,23 +73,3 @@ def smooth(
     value, u = followed(scale * breaks, basis, first, sigma * coefficients, sigma**2 * band, since, order)
     value[0] += offset
     return Smooth(value, u, count, n_solves)
-
-
-def _knots(x: Floats, z: Floats, cuts: list[Floats]) -> Floats:
-    """Place knots at a density that follows the curve; manifold ones at contacts and releases."""
-    n, distance = len(x), distances(z)
-    count = np.concatenate([[0.0], np.cumsum(LEAF / distance)])
-    edge = np.minimum(np.arange(len(count)) * LEAF, n - 1)
-    wanted = np.linspace(0.0, count[-1], max(int(np.ceil(count[-1])), 1) + 1)
-    breaks = np.interp(np.interp(wanted, count, edge), np.arange(n), x)
-    breaks = breaks[np.concatenate([[True], np.diff(breaks) > 0])]
-    for times, multiplicity in zip(cuts, _MULTIPLICITY, strict=True):
-        inside = np.unique(times[(times > x[1]) & (times < x[-2])])
-        if len(inside):
-            # A simple knot within half a sample of a cut would leave an interval without samples.
-            fences = np.concatenate([[-np.inf], inside, [np.inf]])
-            place = np.searchsorted(fences, breaks)
-            is_kept = np.minimum(fences[place] - breaks, breaks - fences[place - 1]) > 0.5
-            is_kept[[0, -1]] = True
-            breaks = np.sort(np.concatenate([breaks[is_kept], np.repeat(inside, multiplicity)]))
-    return np.concatenate([np.repeat(breaks[0], DEGREE), breaks, np.repeat(breaks[-1], DEGREE)])

@@ -19,7 +19,6 @@ _POOL = 6  # intervals on either side that share their estimate of the penalty
 _SHARED = 2.0  # weight, in effective parameters, of all intervals of the same length
 _UPDATES, _SETTLED = 10, 0.2  # updates of the penalty at most, and the change of its logarithm that ends them
 LEAF = 4  # samples over which the distance of knots is the same
-_CLOSEST = 2.0  # samples between knots
 _SLOPE = 0.1  # by which the distance of knots may grow with that from closer ones
 
 
@@ -31,7 +30,7 @@ def distances(z: Floats) -> Floats:
     such means then hold eight knots.
     """
     n = z.size
-    found, total = np.full(-(-n // LEAF), max(n / 10.0, _CLOSEST)), np.zeros(n + 1)
+    found, total = np.full(-(-n // LEAF), n / 10.0), np.zeros(n + 1)
     for i in range(n):
         total[i + 1] = total[i] + z[i]
     # White noise exceeds it in one record of a hundred: fourth differences of means have a variance of 70, and the

@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.constants import R, zero_Celsius
 
 from labpipe.arrays import Floats
 
 if TYPE_CHECKING:
     from labpipe.materials import Prony
 
-_GAS_LN10 = 8.314462618 * np.log(10.0)  # J/(mol K)
-_ZERO_CELSIUS = 273.15
+_GAS_LN10 = R * np.log(10.0)  # J/(mol K)
 _NODES = 24  # of the Talbot contour; 14 digits in double precision at most
 
 
@@ -136,9 +136,9 @@ class Solid:
 
     def _from_kink(self, T: Floats) -> Floats:
         if not np.isfinite(self.kink):
-            return np.asarray(self.energy / _GAS_LN10 / (T + _ZERO_CELSIUS))
+            return np.asarray(self.energy / _GAS_LN10 / (T + zero_Celsius))
         cold = np.minimum(T, self.kink)
-        below = self.energy / _GAS_LN10 * (1 / (cold + _ZERO_CELSIUS) - 1 / (self.kink + _ZERO_CELSIUS))
+        below = self.energy / _GAS_LN10 * (1 / (cold + zero_Celsius) - 1 / (self.kink + zero_Celsius))
         warm = np.maximum(T - self.kink, 0.0)
         return np.asarray(below - self.C1 * warm / (self.C2 + warm))
 
@@ -146,7 +146,7 @@ class Solid:
         """Return the vertical shift at temperatures in °C; one at the reference."""
         T = np.asarray(temperature, dtype=float)
         if self.is_entropic:
-            return np.asarray((T + _ZERO_CELSIUS) / (self.T_ref + _ZERO_CELSIUS))
+            return np.asarray((T + zero_Celsius) / (self.T_ref + zero_Celsius))
         return np.asarray(1.0 + self.softening * (T - self.T_ref))
 
     def at(self, temperature: float | None = None) -> Viscoelastic:

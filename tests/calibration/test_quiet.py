@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 
-from calibration._quiet import _grouped_median, from_start
+from calibration._quiet import from_start
 from labpipe.errors import CalibrationError
 
 
 def test_the_median_of_rounded_readings_lies_inside_its_step() -> None:
-    values = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0])
-    assert _grouped_median(values, 1.0) == pytest.approx(2.0 + 1.5 / 4.0 - 0.5)
-    assert _grouped_median(values, 0.0) == 2.0
-    assert _grouped_median(np.array([0.0, 10.0]), 1.0) == 5.0  # nothing lies on its step
     plain = np.random.default_rng(0).normal(0.37, 1.0, 20_000)
-    assert _grouped_median(np.round(plain), 1.0) == pytest.approx(0.37, abs=0.03)
+    found = from_start(np.arange(20_000.0), np.round(plain), resolution=1.0)
+    assert found.level == pytest.approx(0.37, abs=0.03)
 
 
 def test_a_slope_by_chance_is_no_motion_where_the_level_comes_back() -> None:

@@ -15,7 +15,7 @@ _GAUSS_POINTS = 80
 _ERROR_SHARE = 0.02
 _NEWTON_LIMIT = 12
 #: Error of a step that was not solved.
-UNSOLVED = 1e9
+UNSOLVED = math.inf
 
 # Radau's points (stage,), and the weights (stage, stage) of integrals up to them; TO_POWERS (stage, stage) from values
 # less the first to the coefficients of u, u^2, ...; GAMMA (stage + 1,) of the error.

@@ -17,6 +17,7 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
+from labpipe.contact._stepping import AT_LIFT_OFF, GROW, MARGIN, SHRINK
 from labpipe.contact.impact import _radau as radau
 from labpipe.contact.impact._radau import NODES, TO_POWERS, crossing, power_sum, slope
 from labpipe.contact.impact._records import N_NODES, STAGES, Fall, Law, Phase, Room
@@ -24,19 +25,17 @@ from labpipe.contact.impact._records import N_NODES, STAGES, Fall, Law, Phase, R
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
 # Columns of the state, and those to subtract, of which the largest values are reported.
-_LOOKED_AT = ((2, -1), (0, 4), (0, -1))
+NOTHING, POSITION, VELOCITY, FORCE, EDGE, PLATE = range(-1, 5)
+_LOOKED_AT = ((FORCE, NOTHING), (POSITION, PLATE), (POSITION, NOTHING))
 # Looks for the largest force within a step.
 _LOOKS = 16
 # The contact is largest where it grows slower than this part of its mean growth; an error of the
 # instant counts with its square.
 _AT_SUMMIT = 1e-5
-# It is over where the load of the central spring has fallen to this part of its largest.
-_AT_LIFT_OFF = 1e-10
-# It may be called over here where no step gets nearer.
+# It may be called over where the load of the central spring has fallen to this part, and no step gets nearer.
 _NEARLY_LIFTED = 1e-6
 # Attempts at one step; where the edge is first looked for.
 _TRIES, _FIRST_PLACE = 60, 0.2
-_GROWTH, _SHRINK, _SAFETY = 4.0, 0.2, 0.85
 
 
 @inner()
@@ -66,12 +65,12 @@ def _begin(law: Law, room: Room) -> None:
 @inner()
 def _shorter(room: Room, phase: Phase, error: float) -> float:
     """Part of a step with too large an error to try next."""
-    shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (STAGES + 1.0)))
+    shorter = max(SHRINK, MARGIN * max(error, 1.0) ** (-1.0 / (STAGES + 1.0)))
     if phase.recedes and error < radau.UNSOLVED and room.bulk[STAGES - 1] < 0.0:
         # What lies behind the lift-off says nothing on the step before it.
         _edge_powers(room, phase)
         lifted = crossing(room.short[:], -phase.bulk, 1.0)
-        shorter = min(max(shorter, lifted), _SAFETY)
+        shorter = min(max(shorter, lifted), MARGIN)
     return shorter
 
 
@@ -79,7 +78,7 @@ def _shorter(room: Room, phase: Phase, error: float) -> float:
 def _event(room: Room, n: int, h: float, phase: Phase, central: float) -> tuple[float, bool]:
     """Part of a step at which the phase ends, 1 if not, negative if it grows again; and whether that is its end."""
     if phase.recedes:
-        if room.bulk[STAGES - 1] <= _AT_LIFT_OFF * central:
+        if room.bulk[STAGES - 1] <= AT_LIFT_OFF * central:
             _edge_powers(room, phase)
             part = crossing(room.short[:], -phase.bulk, 1.25)
             return part, abs(part - 1.0) < 1e-9
@@ -238,7 +237,7 @@ def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) ->
             return FULL, n, peak, rejected
         h = min(h, fall.longest)
         is_tiny = tries > _TRIES or not h > 1e-16 * (room.time[n] + 1e-3 * fall.first)
-        if phase.recedes and phase.bulk <= (_NEARLY_LIFTED if is_tiny else _AT_LIFT_OFF) * central:
+        if phase.recedes and phase.bulk <= (_NEARLY_LIFTED if is_tiny else AT_LIFT_OFF) * central:
             break
         if is_tiny:
             return FAILED, n, peak, rejected
@@ -272,7 +271,7 @@ def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) ->
             phase = Phase(True, False, room.time[n], room.state[n, 3], _FIRST_PLACE, 0.0, central)
         else:
             phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
-        h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (STAGES + 1.0)))
+        h *= min(GROW, MARGIN * max(error, 1e-12) ** (-1.0 / (STAGES + 1.0)))
     room.state[n, 2] = room.state[n, 3] = 0.0
     sample_release(law, fall, room, peak, n)
     if has_energy:

@@ -13,9 +13,9 @@ from labpipe.compilation import njit
 from labpipe.imaging.dic._spline import LANES
 
 #: Result codes of the solver.
-SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
+SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = range(4)
 #: Shapes: translation and rotation; the affine motion; the first, and the second where the residual shows a strain.
-RIGID, AFFINE, AUTO = 0, 1, 2
+RIGID, AFFINE, AUTO = range(3)
 
 # A first step has no history: a step of e px leaves an error below e²/2 (measured: 0.2 e²).
 _FIRST_SHRINK = 0.5

@@ -9,12 +9,10 @@ import numpy as np
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._neighbour_outliers import NEIGHBOURS, carried, nearest
-from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid
+from labpipe.imaging.dic._seeding import AGREEMENT, Pyramid, find_subset, fit_motion, make_pyramid
 from labpipe.imaging.dic._solver import LEFT_WINDOW
 from labpipe.imaging.dic._tracker import DROP, SURPRISE, Attempt, Tracker
 
-#: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
-_CONFIRMED = 2.5
 #: When so few of so many points converge near their prediction, they did by chance.
 _CHANCE, _MANY = 0.2, 10
 #: Agreement of surprised points with each other (px), and the number that is needed.
@@ -23,8 +21,6 @@ _MUTUAL, _MUTUAL_COUNT = 0.5, 5
 _SEEDS_FIRST, _SEEDS_LATER = 12, 4
 #: Frames after which a lost point is sought only every so often.
 _PATIENCE, _SELDOM = 64, 8
-#: Rounds of propagation from neighbour to neighbour.
-_ROUNDS = 16
 
 
 def follow(tracker: Tracker, index: int, loaded: Loaded, expected: Floats) -> Attempt:
@@ -65,22 +61,16 @@ class Recovery:
         # A changed correlation without a jump (light, focus) needs no confirmation.
         calm = self._tracker.accepts(attempt.code, attempt.zncc) & (self._jumped() <= SURPRISE)
         attempt.trusted |= calm & tracked
-        self._refuse_lone_matches()
+        # Far matches that no trusted neighbour supports, or without any the correlation of before, are refused.
+        far = attempt.trusted & ((self._jumped() > SURPRISE) | ~tracked)
+        if far.any() and len(far) == 1:
+            attempt.trusted &= attempt.zncc > DROP * self._tracker.last_zncc
+        elif far.any():
+            attempt.trusted &= ~(far & self._tracker.neighbourhood.unsupported(attempt.motion, attempt.trusted))
 
     def _jumped(self) -> Floats:
         """Distance (point,) in px from where the points were expected."""
         return np.asarray(np.hypot(*(self._attempt.motion - self._expected)[:, [0, 3]].T))
-
-    def _refuse_lone_matches(self) -> None:
-        """Distrust far matches that no trusted neighbour supports or, without any, the correlation of before."""
-        attempt, tracker = self._attempt, self._tracker
-        far = attempt.trusted & ((self._jumped() > SURPRISE) | ~tracker.is_tracked)
-        if not far.any():
-            return
-        if len(far) == 1:
-            attempt.trusted &= attempt.zncc > DROP * tracker.last_zncc
-            return
-        attempt.trusted &= ~(far & tracker.neighbourhood.unsupported(attempt.motion, attempt.trusted))
 
     def refuse_outliers(self) -> None:
         """Distrust points that contradict their neighbours, unless they are found where these lead."""
@@ -116,22 +106,18 @@ class Recovery:
         """Start untrusted points from the motions of their nearest trusted neighbours, in turn."""
         attempt, tracker = self._attempt, self._tracker
         rank = 0
-        for _ in range(_ROUNDS):
+        while True:
             waiting = np.flatnonzero(~attempt.trusted)
             trusted = np.flatnonzero(attempt.trusted)
             if not len(waiting) or rank >= min(len(trusted), NEIGHBOURS):
                 return
             near = nearest(tracker.places[waiting], tracker.places[trusted], rank + 1)
-            start = self._carry(trusted[near[:, rank]], waiting)
+            # the motions of the sources continued to the places of the targets
+            sources = trusted[near[:, rank]]
+            start = attempt.motion[sources].copy()
+            start[:, [0, 3]] = carried(start, tracker.places[waiting] - tracker.places[sources])
             # A neighbour that is wrong itself must not stand in the way: ask the next one.
             rank = 0 if self._try(waiting, start) else rank + 1
-
-    def _carry(self, sources: Integers, targets: Integers) -> Floats:
-        """Motions of source points continued to the places of target points."""
-        places = self._tracker.places
-        start = self._attempt.motion[sources].copy()
-        start[:, [0, 3]] = carried(start, places[targets] - places[sources])
-        return start
 
     def _seed(self) -> bool:
         """Match templates for some untrusted points; True when one was found."""
@@ -145,7 +131,13 @@ class Recovery:
         budget = _SEEDS_FIRST if is_new else _SEEDS_LATER
         chosen = waiting[np.unique(np.linspace(0, len(waiting) - 1, budget).astype(int))]
         self._tried[chosen] = True
-        found = self._match(chosen)
+        subsets, pyramid, found = tracker.reference.subsets, self._whole_frame(), dict[int, Floats]()
+        for n in chosen.tolist():
+            x, y, half = subsets.layout[n, :3].tolist()
+            match = find_subset(tracker.reference.pyramid, pyramid, (x, y), half)
+            tracker.reseeds += 1
+            if match is not None:
+                found[n] = match[0]
         if not found:
             return False
         where = np.array(list(found), np.int64)
@@ -158,20 +150,6 @@ class Recovery:
                 start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
                 where, start = where[fits], start[fits]
         return self._try(where, start)
-
-    def _match(self, chosen: Integers) -> dict[int, Floats]:
-        """Motions of those chosen points that a template match finds."""
-        tracker = self._tracker
-        subsets = tracker.reference.subsets
-        pyramid = self._whole_frame()
-        result = {}
-        for n in chosen:
-            x, y, half = subsets.layout[n, :3].tolist()
-            found = find_subset(tracker.reference.pyramid, pyramid, (x, y), half)
-            tracker.reseeds += 1
-            if found is not None:
-                result[int(n)] = found[0]
-        return result
 
     def _whole_frame(self) -> Pyramid:
         """Read the whole frame once, for seeds and for points outside the loaded rectangle."""
@@ -192,7 +170,7 @@ class Recovery:
         attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (self._loaded.box == tracker.film.whole)
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
-        near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
+        near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= AGREEMENT
         good = tracker.accepts(found.code, found.zncc) & near
         # A match from the prediction keeps its place unless the new one fits the image as well.
         held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen])

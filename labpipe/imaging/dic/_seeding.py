@@ -26,8 +26,8 @@ _TILE = 20
 _WHOLE = 25
 #: Reach of the search in the full image beyond the reduced pixel (px): rotation moves the tiles.
 _REFINE = 6
-#: Two seeds belong to one rigid motion when they agree within this (px).
-_AGREEMENT = 2.5
+#: Two seeds belong to one rigid motion, and a proposal is confirmed, when they agree within this (px).
+AGREEMENT = 2.5
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_
     matrix, inliers = None, None
     if len(places) > 1:
         matrix, inliers = cv2.estimateAffinePartial2D(
-            places, places + shifts, method=cv2.RANSAC, ransacReprojThreshold=_AGREEMENT
+            places, places + shifts, method=cv2.RANSAC, ransacReprojThreshold=AGREEMENT
         )
     if matrix is None or inliers is None or inliers.sum() < 2:
         return np.zeros(6), np.zeros(len(places), bool)

@@ -9,6 +9,7 @@ normal equations is inverted once per subset. Importing this module imports numb
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._kernels import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
@@ -20,7 +21,7 @@ __all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "OVERHANG", "SOLVED", "
 #: Error that may be left by stopping (px): a tenth of the least noise of a large subset.
 TOLERANCE = 5e-5
 #: Chi-square of three degrees of freedom that noise exceeds in one of twenty subsets.
-STRAIN_SEEN = 7.81
+STRAIN_SEEN = float(chdtri(3, 0.05))
 #: Two or three evaluations are usual; more than this means that the start was wrong.
 _MOST_ITERATIONS = 30
 #: A subset may hang over the border of the frame by less than this (px): the noise of a point

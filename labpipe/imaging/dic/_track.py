@@ -16,12 +16,6 @@ if TYPE_CHECKING:
 
 Shape = Literal["auto", "rigid", "affine"]
 
-#: Correlation below which a point counts as lost: far above a chance match of a usual subset,
-#: low enough for grainy films (noise as strong as 0.8 times the pattern).
-DEFAULT_MIN_ZNCC = 0.6
-#: Gaussian blur (px) of reference and frames: it lowers bias on fine speckle and the effect of grain.
-DEFAULT_BLUR = 0.5
-
 
 def track(
     frames: FrameSource | NDArray[np.generic],
@@ -32,8 +26,8 @@ def track(
     static_frames: int = 1,
     *,
     select: slice | Sequence[int] | NDArray[np.integer] | None = None,
-    blur: float = DEFAULT_BLUR,
-    min_zncc: float = DEFAULT_MIN_ZNCC,
+    blur: float = 0.5,
+    min_zncc: float = 0.6,
     regions: Sequence[ArrayLike] | None = None,
     covers: Sequence[ArrayLike] | None = None,
     obstructions: Sequence[ArrayLike] | None = None,
@@ -65,7 +59,8 @@ def track(
         Gaussian blur of reference and frames; 0 for none. The default lowers bias on fine speckle
         and the effect of grain; 1.0 is better for images drowned in noise.
     min_zncc : float [1]
-        Correlation below which a point is lost.
+        Correlation below which a point is lost. The default is far above a chance match of a usual subset, and low
+        enough for noise as strong as 0.8 times the pattern.
     regions : list of arrays (corner, 2) [px], optional
         Polygons in the first frame within which pixels count: the specimen without its
         surroundings. A subset partly outside uses the part inside. Pixels within the reach of blur and

@@ -24,8 +24,6 @@ from labpipe.imaging.dic._uncertainty import covariance
 SURPRISE = 1.5
 #: Drop of the correlation relative to the last frame that calls for a check.
 DROP = 0.85
-#: The constant-velocity prediction is not stretched over more than this times the last step.
-_STRETCH = 3.0
 
 
 @dataclass
@@ -102,7 +100,6 @@ class Tracker:
         self.neighbourhood = Neighbourhood(self.places)
         self._motion = np.zeros((count, 6))
         self._velocity = np.zeros((count, 2))
-        self._step = np.ones(count)
         self._seen = np.full(count, -1, np.int64)
         self.last_zncc = np.ones(count)
         self.is_tracked = np.ones(count, bool)
@@ -115,7 +112,7 @@ class Tracker:
         """Motion (point, 6) expected in a frame, from constant velocity; lost points stay where they were."""
         motion = self._motion.copy()
         gap = index - self._seen
-        moves = self.is_tracked & (self._seen >= 0) & (gap <= _STRETCH * self._step)
+        moves = self.is_tracked & (self._seen >= 0)
         motion[:, [0, 3]] += self._velocity * (gap * moves)[:, None]
         return motion
 
@@ -176,7 +173,10 @@ class Tracker:
         # nothing strains in a static frame, which is the reference or a part of it
         self._strain_seen = np.inf if self.is_static else STRAIN_SEEN
         found = self.solve(loaded, chosen, expected[chosen])
-        if self._is_strained(chosen, found):
+        # of a specimen that strains a quarter of the subsets show it, by noise alone one in twenty
+        asked = (self.reference.subsets.shape[chosen] == AUTO) & (found.code == SOLVED)
+        count, shown = int(asked.sum()), int(found.is_affine[asked].sum())
+        if 0.25 * count < shown < count:
             self._strain_seen = 0.0
             found = self.solve(loaded, chosen, expected[chosen])
         attempt = Attempt.nothing(expected)
@@ -186,12 +186,6 @@ class Tracker:
         alike = attempt.zncc > DROP * self.last_zncc
         attempt.trusted = self.accepts(attempt.code, attempt.zncc) & alike & (apart <= SURPRISE)
         return attempt
-
-    def _is_strained(self, chosen: Integers, found: Solution) -> bool:
-        """Tell a specimen that strains: a quarter of its subsets show it, by noise alone one in twenty."""
-        asked = (self.reference.subsets.shape[chosen] == AUTO) & (found.code == SOLVED)
-        count, shown = int(asked.sum()), int(found.is_affine[asked].sum())
-        return 0.25 * count < shown < count
 
     def accepts(self, code: Integers, zncc: Floats) -> Flags:
         """Points that converged with enough correlation."""
@@ -203,7 +197,6 @@ class Tracker:
         moves = trusted & self.is_tracked & (self._seen >= 0) & (gap > 0)
         step = (found - self._motion)[:, [0, 3]] / np.where(moves, gap, 1)[:, None]
         self._velocity = np.where(moves[:, None], step, 0.0)
-        self._step = np.where(moves, gap, 1.0)
         self.is_tracked = trusted.copy()
         self.misses = np.where(trusted, 0, self.misses + 1)
         self._motion[trusted] = found[trusted]

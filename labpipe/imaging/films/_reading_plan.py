@@ -28,8 +28,8 @@ _PLACE, _REACH = 24, 60
 _ROW_OF = 0.5
 #: Share of the light by which a contact is darker or brighter than what is around it, for bands to tell it.
 _TELLS = 0.3
-#: Frames between two that are read whole at least, also where nothing changes.
-_LONGEST_REST = 64
+#: Frames between two that are read whole at least, also where nothing changes: shorter films are read whole.
+LONGEST_REST = 64
 #: Decoded frames kept at hand (bytes), so that a second look does not read them again.
 _MOST_KEPT = 128 * 2**20
 
@@ -98,13 +98,9 @@ class FilmReader:
             "pixels_read": self.pixels_read,
             "pixels_total": count * rows * columns,
             "bytes_read": self.bytes_read,
-            "bytes_total": count * rows * columns * self._bytes_per_pixel(),
+            "bytes_total": count * rows * columns * max(round(self.bytes_read / max(self.pixels_read, 1)), 1),
             "repeated_reads": self.repeats,
         }
-
-    def _bytes_per_pixel(self) -> int:
-        """Return the size of a decoded pixel, from what was read."""
-        return round(self.bytes_read / self.pixels_read) if self.pixels_read else 1
 
 
 def _band_about(row: float, rows: int) -> tuple[int, int]:
@@ -112,23 +108,6 @@ def _band_about(row: float, rows: int) -> tuple[int, int]:
     height = min(_BAND_ROWS, rows)
     top = min(max(round(row) - height // 2, 0), rows - height)
     return top, top + height
-
-
-def _noise_of_means(bands: Sequence[NDArray[np.float32]]) -> float:
-    """Noise (grey levels) of a mean over the rows of bands, from neighbours in them; fringes raise it a little."""
-    steps = [np.abs(np.diff(band, axis=0)) for band in bands]
-    return max(float(np.median(np.concatenate(steps))) / 0.954, 0.3) / math.sqrt(len(bands[0]))
-
-
-def _is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: float) -> bool:
-    """Tell whether lines of mean grey levels (column,) show more than different noise, which is that of a mean."""
-    difference, deviation = (one - other).astype(np.float64), noise * math.sqrt(2.0)
-    columns = len(difference)
-    squares = float((difference**2).sum()) / deviation**2
-    if squares > columns + _DIFFERENT * math.sqrt(2.0 * columns):
-        return True
-    width = min(_PLACE, columns)
-    return float(np.abs(_means(difference)).max()) * math.sqrt(width) / deviation > _LOCALLY_DIFFERENT
 
 
 @dataclass(frozen=True)
@@ -192,17 +171,28 @@ def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], plac
     like = np.array([one.is_like for one in seen])
     is_elsewhere = (like & (2 * like.sum(axis=0) <= len(frames))).any(axis=1).tolist()
     last: list[NDArray[np.float32]] = []
-    last_index = -_LONGEST_REST
+    last_index = -LONGEST_REST
     for index, one, elsewhere in zip(frames, seen, is_elsewhere, strict=True):
         if not (elsewhere or one.is_near or known.get(index, False)):
             continue
-        is_same = index - last_index < _LONGEST_REST and _looks_like(one.bands, last, noise)
+        is_same = index - last_index < LONGEST_REST and _looks_like(one.bands, last, noise)
         if is_same and index not in known:
             resting[index] = True
             continue
         read[index] = True
         last, last_index = one.bands, index
-    _read_around(read, resting, wanted)
+    # The frames next to a change are read as well: the last one before it and the first after.
+    for index in np.flatnonzero(read).tolist():
+        for beside in (index - 1, index + 1):
+            is_left_out = 0 <= beside < len(read) and wanted[beside] and not read[beside]
+            if is_left_out and not resting[beside]:
+                read[beside] = True
+    # A stretch of rest needs a frame that is read at both ends.
+    edges = np.flatnonzero(resting[:-1] & ~resting[1:] & ~read[1:])
+    read[edges] = True
+    resting[edges] = False
+    if resting[-1]:
+        read[-1], resting[-1] = True, False
     return ReadingPlan(read, resting)
 
 
@@ -243,7 +233,9 @@ def _look_at_rows(
         here = zip(lines, through, strict=True)
         is_near = any(place.may_be_in(line, level) for line, some in here for place in some)
         seen.append(_RowsSeen(lines, is_near, (like[1:] & like[:-1]).ravel()))
-    return seen, _noise_of_means(of_known)
+    # of a mean over the rows of bands, from neighbours in them; fringes raise it a little
+    steps = np.concatenate([np.abs(np.diff(band, axis=0)) for band in of_known])
+    return seen, max(float(np.median(steps)) / 0.954, 0.3) / math.sqrt(len(of_known[0]))
 
 
 def _means(line: NDArray[np.float32] | Floats) -> Floats:
@@ -254,20 +246,12 @@ def _means(line: NDArray[np.float32] | Floats) -> Floats:
 
 
 def _looks_like(now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float) -> bool:
-    """Tell whether bands show nothing but noise that others do not show."""
-    return bool(other) and not any(_is_different(a, b, noise) for a, b in zip(now, other, strict=True))
-
-
-def _read_around(read: Flags, resting: Flags, wanted: Flags) -> None:
-    """Read the frames next to a change as well: the last one before it and the first after."""
-    for index in np.flatnonzero(read):
-        for beside in (index - 1, index + 1):
-            is_left_out = 0 <= beside < len(read) and wanted[beside] and not read[beside]
-            if is_left_out and not resting[beside]:
-                read[beside] = True
-    # A stretch of rest needs a frame that is read at both ends.
-    edges = np.flatnonzero(resting[:-1] & ~resting[1:] & ~read[1:])
-    read[edges] = True
-    resting[edges] = False
-    if resting[-1]:
-        read[-1], resting[-1] = True, False
+    """Tell whether bands, means over rows (column,) with their noise, show nothing but that which others do not."""
+    for a, b in zip(now, other, strict=bool(other)):
+        difference, deviation = (a - b).astype(np.float64), noise * math.sqrt(2.0)
+        columns = len(difference)
+        squares, width = float((difference**2).sum()) / deviation**2, min(_PLACE, columns)
+        is_local = float(np.abs(_means(difference)).max()) * math.sqrt(width) / deviation > _LOCALLY_DIFFERENT
+        if is_local or squares > columns + _DIFFERENT * math.sqrt(2.0 * columns):
+            return False
+    return bool(other)

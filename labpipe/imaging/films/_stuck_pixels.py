@@ -37,7 +37,18 @@ class RepairedFrames(ShownFrames):
         self._film, self.stuck = film, stuck
         self.time, self.exposure, self.shape = film.time, film.exposure, film.shape
         self.valid, self.levels = film.valid, film.levels
-        self._target, self._source, self._weight = _interpolation(stuck)
+        # pixels (flat index) to be repaired, those (pixel, source) that repair them, and their bell-shaped weights
+        rows, columns = stuck.shape
+        y, x = np.nonzero(stuck)
+        steps = np.arange(-2, 3)
+        down, across = np.repeat(steps, 5), np.tile(steps, 5)
+        at_y, at_x = y[:, None] + down, x[:, None] + across
+        is_inside = (at_y >= 0) & (at_y < rows) & (at_x >= 0) & (at_x < columns)
+        at_y, at_x = np.clip(at_y, 0, rows - 1), np.clip(at_x, 0, columns - 1)
+        weight = np.exp(-0.8 * (down**2 + across**2)) * (is_inside & ~stuck[at_y, at_x])
+        self._weight: Floats = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
+        self._target: Integers = y * columns + x
+        self._source: Integers = at_y * columns + at_x
 
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame, repaired."""
@@ -129,17 +140,3 @@ def without_stuck_pixels(
     mask = np.zeros(film.shape[1] * film.shape[2], bool)
     mask[stuck] = True
     return RepairedFrames(film, mask.reshape(film.shape[1:])), StuckPixels(len(stuck), len(chosen))
-
-
-def _interpolation(stuck: Flags) -> tuple[Integers, Integers, Floats]:
-    """Pixels (flat index) to be repaired, those (pixel, source) that repair them, and their bell-shaped weights."""
-    rows, columns = stuck.shape
-    y, x = np.nonzero(stuck)
-    steps = np.arange(-2, 3)
-    down, across = np.repeat(steps, 5), np.tile(steps, 5)
-    at_y, at_x = y[:, None] + down, x[:, None] + across
-    is_inside = (at_y >= 0) & (at_y < rows) & (at_x >= 0) & (at_x < columns)
-    at_y, at_x = np.clip(at_y, 0, rows - 1), np.clip(at_x, 0, columns - 1)
-    weight = np.exp(-0.8 * (down**2 + across**2)) * (is_inside & ~stuck[at_y, at_x])
-    weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
-    return y * columns + x, at_y * columns + at_x, weight

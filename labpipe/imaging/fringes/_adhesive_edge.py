@@ -27,8 +27,6 @@ _REACH = 1e-9
 #: Images of contacts whose attraction is the same up to its reach (Dugdale's, as in D. Maugis's theory) show an edge
 #: that lies inside JKR's by the share r/(r + this) of the difference, to 0.05, with r as in :func:`edge_shift`.
 _BY_REACH = 2.4
-#: Rounds of the fixed point; each at least halves the error.
-_ROUNDS = 40
 
 
 def adhesive_edge(
@@ -85,7 +83,7 @@ def adhesive_edge(
         raise InputError("hertz_radius must be positive")
     scale = sphere_radius * np.sqrt(0.5 * np.pi * work_of_adhesion / reduced_modulus)
     edge = found + 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(np.finfo(float).nmant):  # each round at least halves the error
         edge = found + scale / np.sqrt(edge)
     if wavelength is not None:
         # where Hertz's gap, 8 √2/(3π) a²/R (r/a - 1)^(3/2), is a quarter of a wavelength

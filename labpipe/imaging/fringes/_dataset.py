@@ -22,7 +22,7 @@ from labpipe.variables import described, variable
 if TYPE_CHECKING:
     import xarray as xr
 
-NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = 0, 1, 2, 3, 4, 5
+NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = range(6)
 _METHODS = {
     NONE: "none",
     FRINGES: "fringe_fit",
@@ -184,8 +184,11 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
     return texts
 
 
-def _note(options: FilmOptions, result: FilmResult) -> str:
-    """Sentence on how the film was measured."""
+def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]) -> dict[str, object]:
+    """Attributes of the Dataset."""
+    sign = [fit.value(Parameter.MODULATION) for fit in result.fits.values()]
+    optics, ratio = result.view.optics, math.exp(result.calibration.changes.get(Parameter.SCALE, 0.0))
+    phase = optics.phase - math.pi if sign and float(np.median(sign)) < 0.0 else optics.phase
     least = result.view.least_radius * options.pixel_size
     if options.wavelength is None:
         note = "wavelength not given: edge of the spot only, for a nominal wavelength"
@@ -198,14 +201,6 @@ def _note(options: FilmOptions, result: FilmResult) -> str:
     if result.undecided:
         frames = "frame" if len(result.undecided) == 1 else "frames"
         note += f"; in {len(result.undecided)} {frames} the sphere touches or hovers, which counts as no contact"
-    return f"{note}; {result.note}" if result.note else note
-
-
-def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]) -> dict[str, object]:
-    """Attributes of the Dataset."""
-    sign = [fit.value(Parameter.MODULATION) for fit in result.fits.values()]
-    optics, ratio = result.view.optics, math.exp(result.calibration.changes.get(Parameter.SCALE, 0.0))
-    phase = optics.phase - math.pi if sign and float(np.median(sign)) < 0.0 else optics.phase
     return {
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u.get(Parameter.PHASE, 0.0),
@@ -213,9 +208,9 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "u_phase_scale_ratio": ratio * result.calibration.u.get(Parameter.SCALE, 0.0),
         "flat_radius": optics.flat * options.pixel_size,
         "blur": optics.blur,
-        "least_radius": result.view.least_radius * options.pixel_size,
+        "least_radius": least,
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
-        "note": _note(options, result),
+        "note": f"{note}; {result.note}" if result.note else note,
         "uncertainties": json.dumps(uncertainties),
         "work": json.dumps(result.work),
     }

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
-from labpipe.imaging.films import FilmReader, Place, plan_reading, without_stuck_pixels
+from labpipe.imaging.films import LONGEST_REST, FilmReader, Place, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, Properties, calibrate
@@ -22,8 +22,6 @@ from labpipe.imaging.fringes._ring_fit import ASSUMED, AXES, USUAL, FitSettings,
 from labpipe.imaging.fringes._ring_model import make_optics
 from labpipe.imaging.fringes._search import GOOD_MISFIT, is_contact, search_contact, search_optics
 
-#: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
-_SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
 #: Frames in which other optics than the stated ones are looked for.
 _TRIED = 6
 
@@ -35,7 +33,15 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     repaired, hot = without_stuck_pixels(film, wanted, reader.whole)
     if hot.count:
         reader = FilmReader(repaired)
-    view = _make_view(reader, options, wanted)
+    # optics and settings before the calibration from the film
+    wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
+    phase = math.pi if options.phase is None else options.phase
+    optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
+    settings = FitSettings(options.fringes, free=(*USUAL, *AXES) if options.shape == "ellipse" else USUAL)
+    black, white = reader.film.levels
+    if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
+        white = math.inf  # numbers that are no counts do not show where they are saturated
+    view = View(optics, settings, (reader.film.shape[1], reader.film.shape[2]), black, white)
     has_fringes = options.wavelength is not None and view.templates is not None
     result = FilmResult(view, np.zeros(len(film), bool), note=hot.note, has_fringes=has_fringes)
     if result.has_fringes:
@@ -58,25 +64,11 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     return result
 
 
-def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
-    """Optics and settings before the calibration from the film."""
-    film = reader.film
-    wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
-    phase = math.pi if options.phase is None else options.phase
-    optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
-    free = (*USUAL, *AXES) if options.shape == "ellipse" else USUAL
-    settings = FitSettings(options.fringes, free=free)
-    black, white = film.levels
-    if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
-        white = math.inf  # numbers that are no counts do not show where they are saturated
-    return View(optics, settings, (film.shape[1], film.shape[2]), black, white)
-
-
 def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:
     """Fit the frames that need it, and calibrate the optics on the way. Return the frames read."""
     read = wanted
     fits: dict[int, RingFit] = {}
-    if not options.full and wanted.sum() > _SHORT_FILM:
+    if not options.full and wanted.sum() > LONGEST_REST:
         read, fits = _gate(reader, result, wanted)
     fits = _follow(reader, result, read, fits)
     # in a strip four times as long as wide an ellipse cannot be distinguished from another scale
@@ -94,39 +86,32 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
         result.view = view
         fits = _follow(reader, result, read, fits)
     result.fits = fits
-    opened = _doubtful_rest(result)
-    if opened.any():
-        result.resting &= ~opened
-        result.fits |= _follow(reader, result, opened, {})
-    return read | opened
-
-
-def _doubtful_rest(result: FilmResult) -> Flags:
-    """Frames taken for rest that do not lie between contacts of nearly the same radius, or next to one that moves.
-
-    Bands of rows show no change of up to a hundred uncertainties of the radius: where it turns it was not at rest.
-    """
-    doubtful = np.zeros(len(result.resting), bool)
+    # Bands of rows show no change of up to a hundred uncertainties of the radius: frames taken for rest that do not lie
+    # between contacts of nearly the same radius, or next to one that moves, were not at rest.
+    opened = np.zeros(len(result.resting), bool)
     for run in runs_of(np.flatnonzero(result.resting).tolist()):
         first, end = run[0], run[-1] + 1
         around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
         radii = np.array([fit.radius for fit in around])
         noise = max((fit.deviation(Parameter.RADIUS) for fit in around), default=0.0)
         is_bounded = first - 1 in result.fits and end in result.fits
-        doubtful[run] = not is_bounded or np.ptp(radii) > min(7.0 * noise, 0.01 * radii.max())
-    return doubtful
+        opened[run] = not is_bounded or np.ptp(radii) > min(7.0 * noise, 0.01 * radii.max())
+    if opened.any():
+        result.resting &= ~opened
+        result.fits |= _follow(reader, result, opened, {})
+    return read | opened
 
 
 def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags, dict[int, RingFit]]:
     """Look at frames far apart, then at thin bands of all others; return what to read whole."""
     known: dict[int, RingFit | None] = {}
     frames = np.flatnonzero(wanted)
-    for step in _FIRST_STEPS:
+    step = LONGEST_REST
+    while step > 1 and not any(known.values()):
         for index in map(int, frames[::step]):
             if index not in known:
                 known[index] = search_contact(FrameFeatures(reader.whole(index)), result.view)
-        if any(fit is not None for fit in known.values()):
-            break
+        step //= 4
     fits = {index: fit for index, fit in known.items() if fit is not None}
     contact = {index: fit is not None for index, fit in known.items()}
     places: list[Place] = []

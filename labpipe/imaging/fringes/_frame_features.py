@@ -25,7 +25,16 @@ class FrameFeatures:
         small, factor = reduce_frame(self.frame)
         smooth = cv2.GaussianBlur(small, (3, 3), 0.8)
         low, high = np.percentile(smooth, (0.1, 99.9))
-        return float(high - low) > 8.0 * max(_quiet_noise(self.frame), 0.3) / (2.0 * factor)
+        # the noise of a pixel where the frame is quietest, so that fringes do not count
+        side = min(12, *self.frame.shape)
+        rows, columns = (size // side * side for size in self.frame.shape)
+        bands = self.frame[:rows, :columns].reshape(-1, side, columns)
+        bands = bands[:: max(1, bands.size // 80_000)]
+        steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
+        blocks = steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
+        # the median of the difference of two normal numbers is 0.954 of the deviation of one
+        noise = float(np.percentile(np.median(blocks, axis=1), 3.0)) / 0.954
+        return float(high - low) > 8.0 * max(noise, 0.3) / (2.0 * factor)
 
     @cached_property
     def centres(self) -> Sequence[Spot]:
@@ -46,15 +55,3 @@ def radial_profile(
     rows = np.ascontiguousarray(frame[::step], np.float32)
     sums, counts = radial_sums(rows, x, y, float(step), width, bins, *axes)
     return sums / np.maximum(counts, 1.0), counts
-
-
-def _quiet_noise(frame: NDArray[np.generic]) -> float:
-    """Noise of a pixel (grey levels) where the frame is quietest, so that fringes do not count."""
-    side = min(12, *frame.shape)
-    rows, columns = (size // side * side for size in frame.shape)
-    bands = frame[:rows, :columns].reshape(-1, side, columns)
-    bands = bands[:: max(1, bands.size // 80_000)]
-    steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
-    blocks = steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
-    # the median of the difference of two normal numbers is 0.954 of the deviation of one
-    return float(np.percentile(np.median(blocks, axis=1), 3.0)) / 0.954

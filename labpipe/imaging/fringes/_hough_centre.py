@@ -66,7 +66,16 @@ def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
     along = np.stack([slope_x.ravel()[places], slope_y.ravel()[places]]) / weight
     weight = np.minimum(weight, largest)
     margin = _MARGIN * max(steep.shape)
-    votes = _votes(x, y, along, weight, steep.shape, margin)
+    # the weights of the lines through a cell are added up in it, counted once a cell width
+    rows, columns = (math.ceil((size + 2.0 * margin) / _CELL) for size in steep.shape)
+    longest = math.ceil(math.hypot(*steep.shape) / _CELL)
+    steps = _CELL * np.arange(-longest, longest + 1)[:, None]
+    across = ((x + steps * along[0] + margin) / _CELL).astype(np.int32)
+    down = ((y + steps * along[1] + margin) / _CELL).astype(np.int32)
+    inside = (across >= 0) & (across < columns) & (down >= 0) & (down < rows)
+    weights = np.broadcast_to(weight, inside.shape)[inside]
+    counted = np.bincount((down * columns + across)[inside], weights, minlength=rows * columns)
+    votes = np.asarray(cv2.GaussianBlur(counted.reshape(rows, columns), (0, 0), 0.75))
     spots: list[Spot] = []
     for _ in range(_MOST_CENTRES):
         row, column = map(int, np.unravel_index(int(votes.argmax()), votes.shape))
@@ -77,18 +86,6 @@ def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
             spots.append(found)
     shift = 0.5 * (factor - 1)  # the centre of the first square of pixels lies so far inside the frame
     return [Spot(factor * spot.x + shift, factor * spot.y + shift, factor * spot.radius) for spot in spots]
-
-
-def _votes(x: Floats, y: Floats, along: Floats, weight: Floats, shape: tuple[int, ...], margin: float) -> Floats:
-    """Add up in cells the weights of the lines through them, counted once a cell width."""
-    rows, columns = (math.ceil((size + 2.0 * margin) / _CELL) for size in shape)
-    steps = _CELL * np.arange(-math.ceil(math.hypot(*shape) / _CELL), math.ceil(math.hypot(*shape) / _CELL) + 1)
-    column = ((x + steps[:, None] * along[0] + margin) / _CELL).astype(np.int32)
-    row = ((y + steps[:, None] * along[1] + margin) / _CELL).astype(np.int32)
-    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    weights = np.broadcast_to(weight, column.shape)[inside]
-    votes = np.bincount((row * columns + column)[inside], weights, minlength=rows * columns)
-    return np.asarray(cv2.GaussianBlur(votes.reshape(rows, columns), (0, 0), 0.75))
 
 
 def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[float, float]) -> Spot | None:
@@ -107,23 +104,17 @@ def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[fl
     values, vectors = np.linalg.eigh(matrix.T @ matrix)
     if values[0] < _STRIP * values[1]:
         side = vectors[:, 0]
-        shift = _asymmetry((x - at_x) * side[0] + (y - at_y) * side[1], side @ along, weight)
+        # rings lie alike on both sides of their middle: of steep places along a line through it
+        place, rise = (x - at_x) * side[0] + (y - at_y) * side[1], side @ along
+        most = int(np.abs(place).max()) + 2
+        left, right = (
+            np.bincount(np.rint(np.maximum(way * place, 0.0)).astype(np.int64), way * rise * weight, minlength=most)
+            for way in (-1.0, 1.0)
+        )
+        left[0] = right[0] = 0.0  # places of the other side
+        alike = np.correlate(right, left, "full")
+        shift = 0.5 * float(int(alike.argmax()) - most + 1) if alike.max() > 0.0 else 0.0
         at_x, at_y = at_x + shift * side[0], at_y + shift * side[1]
     outward = ((x - at_x) * along[0] + (y - at_y) * along[1])[used]
     counts = np.bincount(np.abs(outward).astype(np.int64), weight[used])
     return Spot(float(at_x), float(at_y), int(counts.argmax()) + 0.5)
-
-
-def _asymmetry(place: Floats, rise: Floats, weight: Floats) -> float:
-    """Distance of the middle from which the rings lie alike on both sides, for steep places on a line through it.
-
-    ``place`` (n,): Along the line, from a first guess. ``rise`` (n,): Component of the slope's direction along it.
-    """
-    most = int(np.abs(place).max()) + 2
-    left, right = (
-        np.bincount(np.rint(np.maximum(side * place, 0.0)).astype(np.int64), side * rise * weight, minlength=most)
-        for side in (-1.0, 1.0)
-    )
-    left[0] = right[0] = 0.0  # places of the other side
-    alike = np.correlate(right, left, "full")
-    return 0.5 * float(int(alike.argmax()) - most + 1) if alike.max() > 0.0 else 0.0

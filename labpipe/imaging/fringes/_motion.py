@@ -55,7 +55,11 @@ def fit_from_neighbours(
                 starts.append(start.copy())
                 starts[-1][Parameter.RADIUS] = corrected_radius(edge, result.view.optics)[0]
         fit = fit_open_gap(reader.whole(index), result.view, starts, old)
-        if fit is not None and (old is not None or _continues(fit, near, index, time)):
+        if fit is not None and old is None:  # it must lie where the contacts of frames close by are, and be as large
+            other = near[min(near, key=lambda other: abs(other - index))]
+            is_large = abs(fit.radius - predicted_radius(near, index, time)[0]) < 0.5 * other.radius
+            fit = fit if is_large and math.dist(fit.centre, other.centre) < 0.3 * fit.radius else None
+        if fit is not None:
             result.fits[index] = fit
 
 
@@ -64,13 +68,6 @@ def _near(result: FilmResult, index: int) -> dict[int, RingFit]:
     others = (other for other in range(index - 3, index + 4) if other != index and other in result.fits)
     near = {other: result.fits[other] for other in others if result.fits[other].misfit <= GOOD_MISFIT}
     return near if {index - 1, index + 1} & near.keys() else {}
-
-
-def _continues(fit: RingFit, near: dict[int, RingFit], index: int, time: Floats) -> bool:
-    """Tell whether a fit lies where the contacts of frames close by are, about as large as predicted."""
-    other = near[min(near, key=lambda other: abs(other - index))]
-    change = abs(fit.radius - predicted_radius(near, index, time)[0])
-    return change < 0.5 * other.radius and math.dist(fit.centre, other.centre) < 0.3 * fit.radius
 
 
 def predicted_radius(near: dict[int, RingFit], index: int, time: Floats) -> tuple[float, float]:

@@ -5,6 +5,7 @@ body. Its radius follows from the first fringes with that factor free; higher po
 between fits of fewer and of more fringes.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,14 +15,14 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._optics_state import View
-from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_model import edge_width
 from labpipe.imaging.fringes._search import is_contact
 
-#: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.
-_NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0
-#: Factors of the gap that are tried, and between which it must come out.
-_FACTORS, _LEAST_FACTOR, _MOST_FACTOR = (1.0, 0.7, 0.45), 0.3, 1.1
+#: Fringes of Hertz's gap over which the power law is taken to hold; its error shows over one more.
+_NEAR_FRINGES = 2.0
+#: Ratio of the three factors of the gap that are tried, and the factors between which it must come out.
+_RATIO, _LEAST_FACTOR, _MOST_FACTOR = 1.5, 0.3, 1.1
 
 
 def has_free_gap(fit: RingFit) -> bool:
@@ -44,7 +45,17 @@ def fit_open_gap(
     """
     free = tuple(dict.fromkeys((*view.settings.free, Parameter.SCALE)))
     near = replace(view.settings, fringes=_NEAR_FRINGES, free=free)
-    best = _best_trial(frame, view, starts, near)
+    best: RingFit | None = None  # of some of the pixels, from every start, what leaves least
+    for start in starts:
+        width = edge_width(float(start[Parameter.RADIUS]), view.optics)
+        for power, below in itertools.product(range(3), (0.0, 0.5)):
+            trial = start.copy()
+            trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
+            trial[Parameter.SCALE] = -power * math.log(_RATIO)
+            trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
+            fit = fit_contact(frame, trial, view.optics, near.quick, view.white)
+            if fit is not None and _is_right(fit) and (best is None or fit.misfit < best.misfit):
+                best = fit
     if best is None:
         return None
     found = fit_contact(frame, best.parameters, view.optics, near, view.white)
@@ -52,28 +63,11 @@ def fit_open_gap(
         return None
     if old is not None and not has_free_gap(old) and found.misfit**2 > 0.5 * old.misfit**2:
         return None
-    other = fit_contact(frame, found.parameters, view.optics, replace(near, fringes=_FAR_FRINGES), view.white)
+    other = fit_contact(frame, found.parameters, view.optics, replace(near, fringes=_NEAR_FRINGES + 1.0), view.white)
     spread = found.deviation(Parameter.RADIUS)
     if other is not None:
         spread = max(spread, abs(other.radius - found.radius))
     return replace(found, model_deviation=math.hypot(found.model_deviation, spread))
-
-
-def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats], near: FitSettings) -> RingFit | None:
-    """Fit some of the pixels from every start, and keep what leaves least."""
-    best: RingFit | None = None
-    for start in starts:
-        width = edge_width(float(start[Parameter.RADIUS]), view.optics)
-        for factor in _FACTORS:
-            for below in (0.0, 0.5):
-                trial = start.copy()
-                trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
-                trial[Parameter.SCALE] = math.log(factor)
-                trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
-                fit = fit_contact(frame, trial, view.optics, near.quick, view.white)
-                if fit is not None and _is_right(fit) and (best is None or fit.misfit < best.misfit):
-                    best = fit
-    return best
 
 
 def _is_right(fit: RingFit) -> bool:

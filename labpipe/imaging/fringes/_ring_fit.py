@@ -66,9 +66,9 @@ OPTICAL = (Parameter.BLUR, Parameter.BEAMS, Parameter.SPREAD, Parameter.FLAT)
 #: Parameters that are taken as known in every frame.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
 
-#: Damping at the start (so small that a radius which hardly differs from a shift of the centre is not held back),
-#: least after a bad step, and its change after good and bad steps.
-_DAMPING, _BAD_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-8, 1e-3, 0.01, 10.0, 1e6
+#: Damping after a first bad step, and the factor by which it grows after others and falls after good ones. Before, it
+#: is so small that a radius which hardly differs from a shift of the centre is not held back.
+_DAMPING, _FACTOR = 1e-3, 10.0
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that noise may also
 #: make it negative.
 _LEAST_TRAVEL = 0.3
@@ -297,49 +297,43 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     reported = np.array([*settings.free, *(p for p in settings.assumed if p not in settings.free)], np.int64)
     moves = np.isin(free, CIRCLE)
     best = start.astype(float).copy()
-    damping, evaluations, is_settled, is_reported = _DAMPING, 1, False, False
+    damping, evaluations, is_settled, is_reported = math.sqrt(np.finfo(float).eps), 1, False, False
     sums = ring_sums(ring, best, free, optics)
-    while evaluations < settings.max_iterations and damping < _MOST_DAMPING and sums.pixels > len(free):
-        step = _solve(sums, damping)
-        if step is None:
+    while evaluations < settings.max_iterations and damping < 1.0 / _DAMPING and sums.pixels > len(free):
+        # the damped normal equations, scaled by their diagonal; the iteration ends when they have no solution
+        scale = np.sqrt(np.maximum(np.diag(sums.normal), 1e-300))
+        matrix = sums.normal / np.outer(scale, scale)
+        matrix[np.diag_indices_from(matrix)] += damping
+        try:
+            step = np.linalg.solve(matrix, sums.right / scale) / scale
+        except np.linalg.LinAlgError:
             break
         trial = best.copy()
         trial[free] += step
         has_run_away = abs(trial[Parameter.SCALE]) > 1.0 or np.abs(trial[list(AXES)]).max() > 0.5
         if has_run_away or not (np.isfinite(trial).all() and 0.0 <= trial[Parameter.RADIUS] <= ring.outer):
-            damping = max(damping * _MORE, _BAD_DAMPING)
+            damping = max(damping * _FACTOR, _DAMPING)
             continue
         # The iteration ends when a step gains less than a hundredth of the variance of a pixel: it is then within a
         # tenth of its uncertainty of the minimum. The step itself is still made.
         gain = float(sums.right @ step) * sums.pixels
-        is_small = damping < _BAD_DAMPING and (gain < 0.01 * sums.squares or np.abs(step[moves]).max() < 2e-4)
+        is_small = damping < _DAMPING and (gain < 0.01 * sums.squares or np.abs(step[moves]).max() < 2e-4)
         tried = ring_sums(ring, trial, reported if is_small else free, optics, len(free) if is_small else 0)
         evaluations += 1
         # The pixels at the limits change with the centre: means are compared, not sums.
         if is_small or tried.squares * sums.pixels <= sums.squares * tried.pixels:
-            best, sums, damping = trial, tried, damping * _LESS
+            best, sums, damping = trial, tried, damping / _FACTOR
             is_reported = is_settled = is_small
         elif gain < sums.squares:
             is_settled = True  # what is left is less than one variance: pixels that come and go at the limits
         else:
-            damping = max(damping * _MORE, _BAD_DAMPING)
+            damping = max(damping * _FACTOR, _DAMPING)
         if is_settled:
             break
     if not is_reported:
         sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
     return _result(best, sums, settings, is_settled, evaluations)
-
-
-def _solve(sums: Sums, damping: float) -> Floats | None:
-    """Step of the damped normal equations, scaled by their diagonal; None when they have none."""
-    scale = np.sqrt(np.maximum(np.diag(sums.normal), 1e-300))
-    matrix = sums.normal / np.outer(scale, scale)
-    matrix[np.diag_indices_from(matrix)] += damping
-    try:
-        return np.asarray(np.linalg.solve(matrix, sums.right / scale) / scale)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _result(parameters: Floats, sums: Sums, settings: FitSettings, is_converged: bool, evaluations: int) -> RingFit:
@@ -369,32 +363,24 @@ def fit_contact(
 ) -> RingFit | None:
     """Fit one frame (row, column) with the ring laid around the start (parameter,); None where it lies outside.
 
-    ``ceiling`` is the grey level from which a pixel is saturated and left out.
+    ``ceiling`` is the grey level from which a pixel is saturated and left out. A doubtful fit gets a model deviation:
+    errors of the model that differ from part to part of the ring pull at the radius in the parts as they do in the
+    whole, so it follows from how the radius changes as quarters of fringes, or the dark inside, are left out (the
+    jackknife, B. Efron 1982, chapter 3, https://doi.org/10.1137/1.9781611970319).
     """
     limits = ring_limits(float(start[Parameter.RADIUS]), optics, settings.fringes, settings.least_spacing)
     ring = cut_ring(frame, start, *limits, ceiling, settings.max_pixels)
     if ring is None:
         return None
     fit = fit_ring(ring, start, optics, settings)
-    if fit.is_doubtful and settings.max_pixels == FitSettings.max_pixels and Parameter.RADIUS in settings.free:
-        return replace(fit, model_deviation=_model_deviation(ring, fit, optics))
-    return fit
-
-
-def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
-    """Return u (px) of the radius by errors of the model, from how it changes as parts of the ring are left out.
-
-    The parts are quarters of fringes, and the dark inside. Errors of the model that differ from part to part pull at
-    the radius in the parts as they do in the whole: the jackknife (B. Efron 1982, chapter 3,
-    https://doi.org/10.1137/1.9781611970319).
-    """
+    if not fit.is_doubtful or settings.max_pixels != FitSettings.max_pixels or Parameter.RADIUS not in settings.free:
+        return fit
     steps = int(phase_of_gap(ring.outer, fit.radius, optics)[0] / (0.5 * math.pi)) + 1
-    limits = [ring.inner, fit.radius]
-    limits += [distance_at_phase(0.5 * math.pi * k, fit.radius, optics) for k in range(1, steps)] + [ring.outer]
+    quarters = [distance_at_phase(0.5 * math.pi * k, fit.radius, optics) for k in range(1, steps)]
     free = np.array(fit.free, np.int64)
     parts = [
         ring_sums(ring, fit.parameters, free, optics, part=(low, high))
-        for low, high in itertools.pairwise(limits)
+        for low, high in itertools.pairwise([ring.inner, fit.radius, *quarters, ring.outer])
         if high > low
     ]
     place = fit.free.index(Parameter.RADIUS)
@@ -402,4 +388,5 @@ def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
     ridge = 1e-9 * np.diag(np.diag(total))
     changes = [float((inverse_of(total - part.normal + ridge) @ part.right)[place]) for part in parts if part.pixels]
     variance = sum(change**2 for change in changes) * (len(changes) - 1) / max(len(changes), 1)
-    return math.sqrt(max(variance - fit.deviation(Parameter.RADIUS) ** 2, 0.0))
+    excess = math.sqrt(max(variance - fit.deviation(Parameter.RADIUS) ** 2, 0.0))
+    return replace(fit, model_deviation=excess)

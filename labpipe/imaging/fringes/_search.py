@@ -182,16 +182,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     is_small = found.radius < _SMALL_CONTACT * view.optics.newton_spot
     if not may_be_edge and not is_small:
         return True
-    window, term, distance = _profile_of(frame, view, found)
-    if not window.is_seen:
-        return not may_be_edge
-    if may_be_edge and is_edge(window, term, 2.0):
-        return False
-    return not (is_small and is_sphere(window, term, distance, view.optics))
-
-
-def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
-    """Profile about the centre of a fit, the term that was fitted, and its distances."""
+    # the profile about the centre of the fit, and the term that was fitted
     settings = view.settings
     inner, outer = ring_limits(found.radius, view.optics, settings.fringes, settings.least_spacing)
     width = min(1.0, (outer - inner) / 24)
@@ -201,4 +192,9 @@ def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple
     start, table = tabulate((inner, outer), found.parameters, view.optics)
     distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
     term = np.interp((distance - start) * SAMPLES_PER_PIXEL, np.arange(table.shape[1]), table[0])
-    return Window(profile, counts, first, last - first), term, distance
+    window = Window(profile, counts, first, last - first)
+    if not window.is_seen:
+        return not may_be_edge
+    if may_be_edge and is_edge(window, term, 2.0):
+        return False
+    return not (is_small and is_sphere(window, term, distance, view.optics))

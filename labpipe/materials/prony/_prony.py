@@ -146,7 +146,15 @@ class Prony:
         if not (np.isfinite(E_relaxed) and E_relaxed > 0):
             raise InputError(f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus")
         weight, time = _checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
-        creep = Retardation(_instantaneous_compliance(float(E_relaxed), weight), weight, time)
+        # 1/E_relaxed − ΣC without cancellation, exactly zero when it is rounding
+        rest = float(1 / Fraction(float(E_relaxed)) - sum((Fraction(c) for c in weight), Fraction(0)))
+        rest = 0.0 if abs(rest) * E_relaxed <= _ROUNDING else rest
+        if rest < 0:
+            raise InputError(
+                f"ΣC = {float(np.sum(weight)):.6g} 1/Pa exceeds 1/E_relaxed = {1 / E_relaxed:.6g} 1/Pa: "
+                "the instantaneous compliance would be negative (not admissible)"
+            )
+        creep = Retardation(rest, weight, time)
         family = relaxation_from_creep(creep)
         return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, creep)
 
@@ -350,20 +358,6 @@ def _checked_terms(
             raise InputError(f"{name}[{k}] = {values[k]}{wrong}")
     floor = _NEGLIGIBLE * (constant + float(np.sum(weights)))
     return merged(np.where(weights > floor, weights, 0.0), times)
-
-
-def _instantaneous_compliance(E_relaxed: float, C: Floats) -> float:
-    """Return 1/E_relaxed − ΣC without cancellation, exactly zero when it is rounding."""
-    exact = 1 / Fraction(E_relaxed) - sum((Fraction(c) for c in C), Fraction(0))
-    remainder = float(exact)
-    if abs(remainder) * E_relaxed <= _ROUNDING:
-        return 0.0
-    if remainder < 0:
-        raise InputError(
-            f"ΣC = {float(np.sum(C)):.6g} 1/Pa exceeds 1/E_relaxed = {1 / E_relaxed:.6g} 1/Pa: "
-            "the instantaneous compliance would be negative (not admissible)"
-        )
-    return remainder
 
 
 def _positive(name: str, values: ArrayLike, units: str) -> Floats:

@@ -21,7 +21,7 @@ from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, modu
 
 Verdict = Literal["pass", "warn", "fail"]
 
-#: Misfit of the common fit over the misfit of either modulus alone: limits of pass and warn.
+#: Misfit of a common fit over that of either modulus, or of every sweep, alone: limits of pass and warn.
 PASS_RATIO, WARN_RATIO = 1.5, 3.0
 #: Relative misfit of the common fit, of the worse modulus: a pass or a warning is none beyond. Where
 #: both moduli are that rough by themselves, they are too rough to judge.
@@ -31,8 +31,8 @@ PASS_MISFIT, WARN_MISFIT = 0.1, 0.3
 MIDDLE_SHARE = 0.7
 # No instrument is better than this (relative); smaller misfits are not distinguished.
 _LEAST_MISFIT = 1e-3
-# Below this number of points per modulus a spectrum can follow anything.
-_LEAST_POINTS = 8
+#: Below this number of points per modulus a spectrum can follow anything.
+LEAST_POINTS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
     verdict: Verdict = "warn" if ratio <= WARN_RATIO and misfit <= WARN_MISFIT else "fail"
     if ratio <= PASS_RATIO and misfit <= PASS_MISFIT:
         verdict = "pass"
-    if f.size < _LEAST_POINTS:
+    if f.size < LEAST_POINTS:
         verdict, reason = "warn", f"only {f.size} points: too few for a verdict; {reason}"
     return KramersKronig(verdict, ratio, reason, *errors)
 

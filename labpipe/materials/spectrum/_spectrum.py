@@ -32,14 +32,14 @@ TERMS_PER_DECADE = 3
 #: Terms reach this many decades beyond the covered frequencies at either end. A loss that goes on as
 #: flat as it ends, as that of a glass, has the share (2/π) 10^-d from times more than d decades
 #: beyond: 13 % for 0.7 decades, by which the spectrum was wrong near its ends; 2 % for 1.5.
-_MARGIN_DECADES = 1.5
+MARGIN_DECADES = 1.5
 # The smoothing strengths that cross-validation looks at first (residuals in units of the noise):
 # from hardly any to a straight line; then it walks by half decades.
 _STRENGTHS = tuple(float(s) for s in np.logspace(-4.0, 5.0, 10))
 _STRENGTH_STEP = 10.0**0.5
 _MAX_WALK = 12
-# Lawson-Hanson needs about one step per column; the bound only guards against cycling.
-_NNLS_STEPS_PER_COLUMN = 40
+#: Lawson-Hanson needs about one step per column; the bound only guards against cycling.
+NNLS_STEPS_PER_COLUMN = 40
 # Exchanges of zero weights before a nearby problem counts as a new one, and the relative size of
 # a gradient that counts as zero.
 _MAX_EXCHANGES = 8
@@ -95,8 +95,8 @@ def moduli_of_terms(ln_omega: Floats, ln_time: Floats) -> Floats:
 def make_grid(ln_omega: Floats, storage: Floats, loss: Floats, terms_per_decade: float = TERMS_PER_DECADE) -> Grid:
     """Lay terms over the covered frequencies, in any order, and scale them by the local loss modulus."""
     step = _LN10 / terms_per_decade
-    low = -float(np.max(ln_omega)) - _MARGIN_DECADES * _LN10
-    high = -float(np.min(ln_omega)) + _MARGIN_DECADES * _LN10
+    low = -float(np.max(ln_omega)) - MARGIN_DECADES * _LN10
+    high = -float(np.min(ln_omega)) + MARGIN_DECADES * _LN10
     count = int(np.ceil((high - low) / step)) + 1
     middle = 0.5 * (low + high)
     ln_time = np.asarray(middle + step * (np.arange(count) - 0.5 * (count - 1)))
@@ -131,7 +131,7 @@ def solve(triangle: Floats, projected: Floats, remainder: float, penalty: Floats
     root = np.sqrt(strength)
     stacked = np.vstack([triangle, root * penalty])
     target = np.concatenate([projected, np.zeros(penalty.shape[0])])
-    coefficient, _ = nnls(stacked, target, maxiter=_NNLS_STEPS_PER_COLUMN * stacked.shape[1])
+    coefficient, _ = nnls(stacked, target, maxiter=NNLS_STEPS_PER_COLUMN * stacked.shape[1])
     active = coefficient > 0
     misfit = remainder + float(np.sum((projected - triangle @ coefficient) ** 2))
     roughness = strength * float(np.sum((penalty @ coefficient) ** 2))

@@ -40,13 +40,9 @@ from labpipe.materials.spectrum import (
 from labpipe.materials.superposition._parameters import OuterModel, State
 
 _LN10 = float(np.log(10.0))
-# Levenberg-Marquardt: first damping relative to the diagonal, its factors, and the stop. The
-# active set of the spectrum may flicker near the end, so the cost is watched, not the gradient.
-_FIRST_DAMPING = 1e-3
-_DAMPING_DOWN, _DAMPING_UP = 0.2, 8.0
-_LEAST_DAMPING, _MAX_DAMPING = 1e-9, 1e8
-_COST_TOLERANCE = 1e-5
-_MAX_ITERATIONS = 40
+# Levenberg-Marquardt: first damping relative to the diagonal, and the factor by which it grows after a bad step and
+# falls after a good one. The active set of the spectrum may flicker near the end: costs are watched, not gradients.
+_DAMPING, _FACTOR = 1e-3, 5.0
 # No shift moves further than this in one step (decades): the model is linear only so far.
 _MAX_STEP_DECADES = 0.7
 
@@ -191,30 +187,26 @@ def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, 
 
 
 def minimise(
-    points: Points,
-    weight: Floats,
-    fit: Fit,
-    model: OuterModel,
-    tolerance: float = _COST_TOLERANCE,
-    iterations: int = _MAX_ITERATIONS,
+    points: Points, weight: Floats, fit: Fit, model: OuterModel, tolerance: float = 1e-5, iterations: int = 40
 ) -> Fit:
     """Move the outer parameters to the least cost, on the grid and smoothing of a first fit (Levenberg-Marquardt)."""
-    damping, least = _FIRST_DAMPING, total_cost(fit, model)
+    damping, least = _DAMPING, total_cost(fit, model)
     for _ in range(iterations if model.size else 0):
         normal, gradient = outer_problem(points, fit, model)
         diagonal = np.diag(normal).copy()
         diagonal[diagonal <= 0] = 1.0
-        gain = 0.0
-        while gain <= 0.0 and damping < _MAX_DAMPING:
+        gain, promised = 0.0, np.inf
+        while gain <= 0.0 and promised > tolerance * fit.cost:
             step = solve_normal(normal + damping * np.diag(diagonal), gradient)
+            promised = float(gradient @ step)
             state = model.state(fit.state.parameters + step)
             if state is not None and np.max(np.abs(state.log10_aT - fit.state.log10_aT)) <= _MAX_STEP_DECADES:
                 trial = evaluate(points, weight, fit.grid, state, fit.solution.strength, guess=fit.solution)
                 gain = least - total_cost(trial, model)
-            damping *= _DAMPING_UP if gain <= 0.0 else 1.0
+            damping *= _FACTOR if gain <= 0.0 else 1.0
         if gain <= 0.0:
             break
-        fit, least, damping = trial, least - gain, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
+        fit, least, damping = trial, least - gain, damping / _FACTOR
         if gain <= tolerance * fit.cost:
             break
     return fit

@@ -26,6 +26,7 @@ from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Options, superpose
 from labpipe.materials.superposition._parameters import (
     GLASS,
+    LEAST_SPACING,
     SLOPE_SPREAD,
     VERTICAL_SIZE,
     Horizontal,
@@ -38,8 +39,6 @@ from labpipe.materials.superposition._sweeps import Mode, gather_sweeps, loading
 from labpipe.units import Measure, si
 
 _READINGS = {"storage_modulus", "relaxation_modulus", "creep_compliance"}
-# Measured means differ from set temperatures by this much (K) at most.
-_SAME_TEMPERATURE = 1.0
 
 
 def master_curve(
@@ -183,12 +182,12 @@ def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) 
     low, high = float(temperature.min()), float(temperature.max())
     if not np.isfinite(T_ref):
         raise InputError(f"T_ref = {T_ref}: expected a temperature in °C")
-    if temperature.size == 1 and abs(T_ref - low) > _SAME_TEMPERATURE:
+    if temperature.size == 1 and abs(T_ref - low) > LEAST_SPACING:
         raise InputError(
             f"one temperature ({low:g} °C) cannot be shifted to T_ref = {T_ref:g} °C; set "
             f"T_ref={low:g} or measure more temperatures"
         )
-    inside = low - _SAME_TEMPERATURE <= T_ref <= high + _SAME_TEMPERATURE
+    inside = low - LEAST_SPACING <= T_ref <= high + LEAST_SPACING
     if not inside and horizontal in ("free", "fixed"):
         raise InputError(
             f"T_ref = {T_ref:g} °C lies outside the measured {low:g} to {high:g} °C; free shifts "

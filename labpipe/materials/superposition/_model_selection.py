@@ -47,15 +47,15 @@ from labpipe.units import ZERO_CELSIUS
 
 # Vertical law and delay are added one at a time, and may each be revised once.
 _MAX_EXTENSIONS = 4
-# Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
-# Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
-_STRONG_EVIDENCE = 6.0
-# Starts that differ by less (decades) end in the same minimum.
-_SAME_BASIN = 0.3
+#: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
+#: Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
+STRONG_EVIDENCE = 6.0
+#: Starts and solutions that differ by less (decades) are the same.
+SAME_SOLUTION = 0.15
 # Smoothing for comparing starts, in units of the noise, and one that biases no shift.
 _STIFF, _UNBIASED = 100.0, 1.0
 # Starts and candidates are compared before they have settled to the last digit: tolerance and iterations.
-_STARTING, _SCREENING = (1e-4, 12), (1e-3, 8)
+_SCREENING = 1e-3, 8
 # A law through the best start is a third start; it needs more isotherms than it has constants.
 _LAW_NEEDS, _LAW_ROUGHNESS = 3, 0.1
 # Passes of noise and smoothing around the joint fit, and the change of noise at which they have settled.
@@ -149,14 +149,21 @@ def _best_start(
     if points.count > 1:
         starts = [("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments))]
         apart = starts[0][1] - starts[1][1]
-        starts = starts[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
+        starts = starts[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < SAME_SOLUTION else 2]
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
     if model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
-        # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
-        runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
+        # A sweep without loss in common with its neighbours fits anywhere: start from the WLF law of all others too. A
+        # law is never exact: its own roughness keeps the best shifts from ruling alone.
+        *_, fit, best = min(runs, key=lambda run: run[1])
+        covariance = np.linalg.pinv(outer_problem(points, fit, best)[0], hermitian=True)
+        keep = np.arange(best.temperature.size) != best.reference
+        full = _LAW_ROUGHNESS**2 * np.eye(keep.size)
+        full[np.ix_(keep, keep)] += covariance[: best.horizontal_size, : best.horizontal_size]
+        law = fit_law("wlf", best.temperature, fit.state.log10_aT, full, best.T0)
+        runs.append(_run(points, weight, model, "law", law.log10_aT(best.temperature)))
     runs.sort(key=lambda run: run[1])
-    best = runs[0][2].state.log10_aT
-    report = tuple((name, cost, float(np.max(np.abs(fit.state.log10_aT - best)))) for name, cost, fit, _ in runs)
+    shifts = runs[0][2].state.log10_aT
+    report = tuple((name, cost, float(np.max(np.abs(fit.state.log10_aT - shifts)))) for name, cost, fit, _ in runs)
     return (runs[0][3], runs[0][2]), report
 
 
@@ -168,19 +175,8 @@ def _run(
     started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
     state = started.start()
     grid = grid_for(points, state)
-    fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_STARTING)
+    fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_SCREENING)
     return name, predictive_cost(fit, started), fit, started
-
-
-def _on_a_law(points: Points, fit: Fit, model: OuterModel) -> Floats:
-    """Put shifts on the WLF law through those that the data determine."""
-    covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
-    keep = np.arange(model.temperature.size) != model.reference
-    # A law is never exact: its own roughness keeps the best shifts from ruling alone.
-    full = _LAW_ROUGHNESS**2 * np.eye(keep.size)
-    full[np.ix_(keep, keep)] += covariance[: model.horizontal_size, : model.horizontal_size]
-    law = fit_law("wlf", model.temperature, fit.state.log10_aT, full, model.T0)
-    return law.log10_aT(model.temperature)
 
 
 def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options) -> Superposition:
@@ -193,7 +189,13 @@ def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options:
         grid = grid_for(points, fit.state)
         fit = minimise(points, weight, evaluate(points, weight, grid, fit.state, None, near), model)
         near = fit.solution.strength
-        covariance, leverage = _covariance(points, fit, model)
+        inverse, covariance = np.asarray(np.linalg.pinv(fit.normal, hermitian=True)), np.empty((0, 0))
+        leverage = propagated_variance(fit.rows, inverse)
+        if model.size:
+            change = sensitivity(points, fit, model)
+            rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+            covariance = np.asarray(np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True))
+            leverage = leverage + propagated_variance(rest, covariance)
         # Each modulus has as many free residuals as points, less its share of the fitted freedom (leverage),
         # so that a noise ratio comes out right even when one modulus dominates.
         storage, loss = (
@@ -205,18 +207,6 @@ def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options:
         if max(abs(np.log(noise.storage / last.storage)), abs(np.log(noise.loss / last.loss))) < _NOISE_SETTLED:
             break
     return Superposition(model, fit, noise, covariance)
-
-
-def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
-    """Return the covariance of the outer parameters, and the leverage (2 point,) of every reading."""
-    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    leverage = propagated_variance(fit.rows, inverse)
-    if not model.size:
-        return np.empty((0, 0)), leverage
-    change = sensitivity(points, fit, model)
-    rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-    covariance = np.asarray(np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True))
-    return covariance, leverage + propagated_variance(rest, covariance)
 
 
 def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Floats:
@@ -283,7 +273,7 @@ def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
     price = float(np.log(2 * points.omega.size))
     count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
     laws = (model.vertical != "none") + model.has_delay
-    score = total_cost(fit, model) + count * price + laws * _STRONG_EVIDENCE
+    score = total_cost(fit, model) + count * price + laws * STRONG_EVIDENCE
     if model.has_slope:
         covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
         score -= float(np.log(covariance[model.horizontal_size, model.horizontal_size]))

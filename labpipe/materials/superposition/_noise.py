@@ -7,6 +7,7 @@ both moduli. Where both levels lie within the uncertainty of the scatter, the re
 """
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -16,12 +17,12 @@ from labpipe.materials.superposition._joint_fit import Points
 # Relative noise is never taken below this: cleaner data are limited by the grid of times.
 _LEAST_NOISE = 1e-6
 ASSUMED_NOISE = 0.02
-# A sweep needs this many points before a cubic leaves anything to judge, and all sweeps together
-# this many free residuals before their scatter is trusted (18 % on a level).
-_LEAST_POINTS, _LEAST_FREEDOM = 6, 16
+#: A sweep needs this many points before a cubic leaves anything to judge.
+LEAST_OF_SWEEP = 6
+# All sweeps together need so many free residuals before their scatter is trusted (18 % on a level).
+_LEAST_FREEDOM = 16
 _DEGREE = 3
-_MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal number
-_MEDIAN_EFFICIENCY = 0.37  # of a variance from such a median
+_MEDIAN_OF_NORMAL = NormalDist().inv_cdf(0.75)  # median of the absolute value of a standard normal number
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,9 @@ class Scatter(Noise):
 
     def holds(self, found: Noise) -> bool:
         """Return True where two levels agree with this scatter within its 95 % interval."""
-        ratio = 1.0 + 2.0 * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
+        # the variance of a median of n values of density f is 1 / (4 n f^2), here of the absolute values of normal ones
+        spread = 0.5 / (_MEDIAN_OF_NORMAL * 2.0 * NormalDist().pdf(_MEDIAN_OF_NORMAL))
+        ratio = 1.0 + 2.0 * float(2.0 * spread / np.sqrt(self.freedom))
         shares = (found.storage / self.storage) ** 2, (found.loss / self.loss) ** 2
         return all(1.0 / ratio < share < ratio for share in shares)
 
@@ -62,7 +65,7 @@ def scatter_of_sweeps(points: Points) -> Scatter | None:
     The median of the absolute residuals is used, so that single outliers do not count.
     """
     sweeps = [points.isotherm == k for k in range(points.count)]
-    sweeps = [mask for mask in sweeps if np.count_nonzero(mask) >= _LEAST_POINTS]
+    sweeps = [mask for mask in sweeps if np.count_nonzero(mask) >= LEAST_OF_SWEEP]
     freedom = sum(int(np.count_nonzero(mask)) - _DEGREE - 1 for mask in sweeps)
     if freedom < _LEAST_FREEDOM:
         return None

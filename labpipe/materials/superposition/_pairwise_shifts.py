@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import moduli_of_terms
+from labpipe.materials.spectrum import NNLS_STEPS_PER_COLUMN, moduli_of_terms
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._parameters import (
     CHANGE,
@@ -50,7 +50,21 @@ def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats
     order = np.argsort(temperature, kind="stable")
     pairs = list(pairwise(order.tolist()))
     scans = [_scanned(*_pair(points, ln_bT, *pair), float(np.diff(temperature[list(pair)])[0])) for pair in pairs]
-    return _summed(order, _best_chain(scans, np.diff(temperature[order])))
+    # the least sum of scores and of changes from pair to pair, by dynamic programming over the trial steps (Viterbi)
+    spacing = np.maximum(np.diff(temperature[order]), LEAST_SPACING)
+    total, back = scans[0][1], []
+    for k in range(1, len(scans)):
+        mean = 0.5 * (spacing[k - 1] + spacing[k])
+        before = scans[k - 1][0][:, None] / spacing[k - 1] * mean
+        after = scans[k][0][None, :] / spacing[k] * mean
+        change = CHANGE + CHANGE_SHARE * np.minimum(np.abs(before), np.abs(after))
+        joined = total[:, None] + ((before - after) / change) ** 2
+        back.append(np.argmin(joined, axis=0))
+        total = np.min(joined, axis=0) + scans[k][1]
+    chosen = [int(np.argmin(total))]
+    for previous in reversed(back):
+        chosen.append(int(previous[chosen[-1]]))
+    return _summed(order, [float(steps[i]) for (steps, _), i in zip(scans, reversed(chosen), strict=True)])
 
 
 def overlapped_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
@@ -102,7 +116,7 @@ def _scanned(cold: _Sweep, warm: _Sweep, difference: float) -> tuple[Floats, Flo
 
     def misfit(step: float) -> float:
         design = np.vstack([fixed, _rows((warm[0] - step * _LN10, *warm[1:]), ln_time) * scale])
-        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=40 * design.shape[1])
+        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=NNLS_STEPS_PER_COLUMN * design.shape[1])
         tries.append((step, float(rest) ** 2, int(np.count_nonzero(weight))))
         return tries[-1][1]
 
@@ -120,27 +134,6 @@ def _scanned(cold: _Sweep, warm: _Sweep, difference: float) -> tuple[Floats, Flo
     mean, spread = _expected(difference)
     # Isotherms that are torn apart have a spectrum each: the gain by more terms is not the step's.
     return steps, costs / noise + 2.0 * terms + ((steps - mean) / spread) ** 2
-
-
-def _best_chain(scans: Sequence[tuple[Floats, Floats]], spacing: Floats) -> list[float]:
-    """Return the steps with the least sum of scores and of changes from pair to pair.
-
-    Dynamic programming over the trial steps of all pairs (Viterbi).
-    """
-    spacing = np.maximum(spacing, LEAST_SPACING)
-    total, back = scans[0][1], []
-    for k in range(1, len(scans)):
-        mean = 0.5 * (spacing[k - 1] + spacing[k])
-        before = scans[k - 1][0][:, None] / spacing[k - 1] * mean
-        after = scans[k][0][None, :] / spacing[k] * mean
-        change = CHANGE + CHANGE_SHARE * np.minimum(np.abs(before), np.abs(after))
-        joined = total[:, None] + ((before - after) / change) ** 2
-        back.append(np.argmin(joined, axis=0))
-        total = np.min(joined, axis=0) + scans[k][1]
-    chosen = [int(np.argmin(total))]
-    for previous in reversed(back):
-        chosen.append(int(previous[chosen[-1]]))
-    return [float(steps[i]) for (steps, _), i in zip(scans, reversed(chosen), strict=True)]
 
 
 def _rows(sweep: _Sweep, ln_time: Floats) -> Floats:

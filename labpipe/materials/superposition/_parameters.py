@@ -39,7 +39,7 @@ _DENSITY_SLOPE = -3e-4  # expected in addition to b ∝ T
 STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
 #: The step per isotherm changes from one to the next by this much (decades), plus this share.
 CHANGE, CHANGE_SHARE = 0.4, 0.5
-#: Closer isotherms than this (K) are repeats; their spacing is not resolved.
+#: Closer isotherms than this (K) are repeats, and the same temperature set and measured.
 LEAST_SPACING = 1.0
 
 
@@ -139,7 +139,7 @@ class OuterModel:
             rows[:, n] = self.slope_spread * step
             value = value + rows[:, n] * parameters[n]
         elif count:
-            powers = _powers(step, count)
+            powers = (step[:, None] / _UNIT) ** np.arange(1, count + 1)
             factor = 1.0 + powers @ parameters[n : n + count]
             if np.any(factor < _LEAST_FACTOR):
                 return None
@@ -222,10 +222,6 @@ class OuterModel:
         """Return the cost of :meth:`pull` alone, which every trial step asks for."""
         rows, target = self._expected
         return float(np.sum((rows @ state.parameters - target) ** 2))
-
-
-def _powers(step: Floats, count: int) -> Floats:
-    return np.stack([step / _UNIT, (step / _UNIT) ** 2], axis=1)[:, :count]
 
 
 def is_physical(ln_bT: Floats, temperature: Floats, T0: float, stiffness: float = 0.0) -> bool:

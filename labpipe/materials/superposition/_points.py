@@ -14,24 +14,21 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._noise import off_its_sweep
+from labpipe.materials.superposition._noise import LEAST_OF_SWEEP, off_its_sweep
+from labpipe.materials.superposition._parameters import LEAST_SPACING
 from labpipe.units import ZERO_CELSIUS
 
 # A reading is left out when it is off the cubic through its sweep by this (of ln E), and by this many times the median
 # of others.
 _FAR, _SCATTERS = 0.3, 8.0
-# Readings from which a sweep can show which of them is wrong, and the share of it that may be left out.
-_LEAST_OF_SWEEP, _MOST_SHARE = 5, 0.25
+# Share of readings that may be left out: of a sweep, for being off it, and of all, for a loss modulus at or below zero,
+# which is noise about a small value; more is a sign convention or a material without loss.
+_MOST_SHARE = 0.25
 _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
-# A loss modulus at or below zero is noise about a small value; more than this share of them is
-# a sign convention or a material without loss.
-_MAX_SHARE_OF_LOST_POINTS = 0.25
 # Fewer points than this over the whole set say nothing about a spectrum.
 _LEAST_POINTS = 4
 # Moduli beyond this (Pa) and below its inverse are of no material, in whatever unit.
 _MOST = 1e30
-# Isotherms closer than this (K) are the same temperature measured twice.
-_REPEAT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +81,7 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     if half.any():
         notes.append(f"{half.sum()} points have only one of the two moduli and are left out, {where(half)}")
     lost = present & ~(loss > 0)
-    if lost.sum() > _MAX_SHARE_OF_LOST_POINTS * present.sum():
+    if lost.sum() > _MOST_SHARE * present.sum():
         raise InputError(
             f"loss modulus zero or negative at {lost.sum()} of {present.sum()} points, "
             f"{where(lost)}; expected positive values: check the sign "
@@ -109,7 +106,7 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     notes += [
         f"temperature {ordered[k]:g} °C was measured more than once; every sweep keeps a shift of "
         "its own, their difference shows the repeatability"
-        for k in np.flatnonzero(np.diff(ordered) < _REPEAT)
+        for k in np.flatnonzero(np.diff(ordered) < LEAST_SPACING)
     ]
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=3)
@@ -121,7 +118,7 @@ def outliers(points: Points) -> Flags:
     """Return the readings (point,) far off their own sweep, in storage or in loss."""
     found = np.zeros(points.omega.size, dtype=bool)
     rows = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
-    rows = [row for row in rows if row.size >= _LEAST_OF_SWEEP]
+    rows = [row for row in rows if row.size >= LEAST_OF_SWEEP]
     for values in (points.storage, points.loss) if rows else ():
         off = [off_its_sweep(points.omega[row], values[row]) for row in rows]
         limit = max(_FAR, _SCATTERS * float(np.median(np.abs(np.concatenate(off)))))

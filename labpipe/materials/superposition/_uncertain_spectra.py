@@ -11,19 +11,15 @@ from scipy.linalg import block_diag
 
 from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
-from labpipe.materials.spectrum import moduli_of_terms
+from labpipe.materials.spectrum import NNLS_STEPS_PER_COLUMN, moduli_of_terms
 
 _LN10 = float(np.log(10.0))
 _EVERYWHERE = 0.95  # of the variance of the curve at every frequency that counts, in the spectra handed out
 _MOST_USED = 10
-_NODE_DECADES = 1.0  # spacing of the hat functions that change a spectrum
-_STEPS_PER_HAT = 100  # of the solver, at most
 _RIDGE = 0.1
 """Share of the uncertainty of the curve: a weight whose effect on it is smaller is not changed by more than itself."""
-_TO_EITHER_SIDE = 3.0  # a time tells of frequencies about its inverse
-_REACHES = 0.3  # a relaxation so much faster or slower than a prediction's times is no part of it
-_RECTANGULAR = 1.0 / np.sqrt(3.0)
-_BEYOND = (1.0, 2.0, 3.0)  # decades outside the window at which the loss goes on
+_TO_EITHER_SIDE = 3.0  # a time tells of frequencies and relaxations about it
+_BEYOND = np.arange(1.0, 4.0)  # decades outside the window at which the loss goes on
 _SLOPE_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
 _MOST_OF_RELAXED = 0.5  # the share of the relaxed modulus that may still relax
 
@@ -68,14 +64,14 @@ def uncertain_spectra(
     if temperature != float(master["T_ref"]):
         changes = changes + np.outer(at("mode_shift"), along)
         changes += at("mode_vertical")[:, None]
-    # Hat functions (term + 1, hat) over the logarithm of time change the weights; the last is the relaxed modulus.
+    # Hat functions (term + 1, hat), one a decade, change the weights; the last is the relaxed modulus.
     place = np.log10(solid.rho)
-    nodes = np.linspace(place.min(), place.max(), max(int(np.ceil(np.ptp(place) / _NODE_DECADES)), 1) + 1)
+    nodes = np.linspace(place.min(), place.max(), max(int(np.ceil(np.ptp(place))), 1) + 1)
     hats = block_diag(np.array([np.interp(place, nodes, row) for row in np.eye(nodes.size)]).T, 1.0)
     by_terms = moduli_of_terms(np.log(2.0 * np.pi * frequency), np.log(solid.rho))
     design = (by_terms * np.append(solid.E, solid.E_relaxed)) @ hats / value[:, None]
     ridge = _RIDGE * np.sqrt(np.mean(np.sum(changes**2, axis=0))) * np.eye(design.shape[1])
-    steps = _STEPS_PER_HAT * hats.shape[1]
+    steps = NNLS_STEPS_PER_COLUMN * hats.shape[1]
     shown, wanted = np.vstack([design, ridge]), np.vstack([changes.T, np.zeros((len(ridge), len(changes)))])
     fast, slow = _TO_EITHER_SIDE * a_T / times[0], a_T / times[1] / _TO_EITHER_SIDE
     omega = np.tile(2.0 * np.pi * frequency, 2)
@@ -108,12 +104,11 @@ def _beyond(solid: Prony, frequency: Floats, shortest: float, longest: float) ->
     falls = most if power <= 0.0 else min(most, float(loss[0]) / np.tan(0.5 * np.pi * min(power, 1.0)))
     # A constant loss goes with a storage modulus that rises by (2/π) E″ per unit of ln ω.
     rises = float(loss[-1]) * 2.0 / np.pi * _LN10
-    slow = np.full(len(_BEYOND), max(falls, 0.0) * _RECTANGULAR / len(_BEYOND))
-    fast = np.full(len(_BEYOND), rises * _RECTANGULAR)
-    later = 10.0 ** np.array(_BEYOND) / omega[0]
-    sooner = 10.0 ** -np.array(_BEYOND) / omega[-1]
-    slow *= longest * omega[0] > _REACHES
-    fast *= shortest * omega[-1] < 1.0 / _REACHES
+    slow = np.full(len(_BEYOND), max(falls, 0.0) / np.sqrt(3.0) / len(_BEYOND))
+    fast = np.full(len(_BEYOND), rises / np.sqrt(3.0))
+    later, sooner = 10.0**_BEYOND / omega[0], 10.0**-_BEYOND / omega[-1]
+    slow *= longest * omega[0] > 1.0 / _TO_EITHER_SIDE
+    fast *= shortest * omega[-1] < _TO_EITHER_SIDE
     both = (
         ("DMA, slower than its sweeps", solid.E_relaxed - float(slow.sum()), slow, later),
         ("DMA, faster than its sweeps", solid.E_relaxed, fast, sooner),

@@ -5,30 +5,26 @@ vertical factors of no material: residuals against the scatter and in absolute t
 all count.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import xarray as xr
 
 from labpipe.arrays import Flags
-from labpipe.materials._shift_law import ShiftLaw
-from labpipe.materials.spectrum import KramersKronig
+from labpipe.materials._shift_law import HOLDS, ShiftLaw
+from labpipe.materials.spectrum import PASS_RATIO, WARN_RATIO, KramersKronig
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._model_selection import Superposition, free_shifts_gain
+from labpipe.materials.superposition._model_selection import (
+    SAME_SOLUTION,
+    STRONG_EVIDENCE,
+    Superposition,
+    free_shifts_gain,
+)
 
 Level = Literal["pass", "doubtful", "fail"]
 
-# Noise of the fit over scatter of the sweeps from which superposition is violated (the scatter of the fewest
-# sweeps that are judged is known to a fifth), and from which no smaller error explains it.
-_VIOLATED, _FAR_BEYOND = 1.5, 3.0
 # Relative residuals that no rheometer's noise explains, and of which no part is such noise.
 _ROUGH, _HOPELESS = {"storage": 0.05, "loss": 0.10}, {"storage": 0.15, "loss": 0.30}
-# Another start that ends this far away (decades) at nearly the same cost (in units of twice the
-# log-likelihood) is a second solution.
-_OTHER_SOLUTION, _NEARLY_SAME_COST = 0.15, 6.0
-# A law holds when free shifts lower the misfit by less than this per parameter (F statistic).
-_LAW_HOLDS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,32 +37,32 @@ class Verdict:
 
 def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
     """Judge a fit."""
-    objections = list(_objections(found, kk))
-    order: tuple[Level, ...] = ("pass", "doubtful", "fail")
-    worst = max((order.index(level) for level, _ in objections), default=0)
-    return Verdict(order[worst], tuple(reason for _, reason in objections))
-
-
-def _objections(found: Superposition, kk: KramersKronig) -> Iterator[tuple[Level, str]]:
-    if found.violation > _VIOLATED:
-        yield (
-            "fail" if found.violation > _FAR_BEYOND else "doubtful",
+    objections: list[tuple[Level, str]] = []
+    # noise of the fit over scatter of the sweeps, which of the fewest that are judged is known to a fifth
+    if found.violation > PASS_RATIO:
+        text = (
             "time-temperature superposition does not hold to the noise of the sweeps (the fit misses by "
             f"{found.violation:.1f} times as much); the uncertainties are widened by the lack of fit, by a factor of "
-            f"{found.lack_of_fit**0.5:.1f}",
+            f"{found.lack_of_fit**0.5:.1f}"
         )
+        objections.append(("fail" if found.violation > WARN_RATIO else "doubtful", text))
     for name, size in (("storage", found.noise.storage), ("loss", found.noise.loss)):
         if size > _ROUGH[name]:
             level: Level = "fail" if size > _HOPELESS[name] else "doubtful"
-            yield level, f"the master curve misses the {name} modulus by {100 * size:.0f} % (root mean square)"
+            text = f"the master curve misses the {name} modulus by {100 * size:.0f} % (root mean square)"
+            objections.append((level, text))
     if found.refused:
-        yield (
-            "doubtful",
+        text = (
             f"the sweeps ask for a {' or '.join(found.refused)} vertical factor steeper than a material's modulus can "
-            "change; it was refused, for it would make up for sweeps that do not superpose",
+            "change; it was refused, for it would make up for sweeps that do not superpose"
         )
+        objections.append(("doubtful", text))
     if kk.verdict != "pass":
-        yield ("fail" if kk.verdict == "fail" else "doubtful", f"Kramers-Kronig {kk.verdict}: {kk.reason}")
+        text = f"Kramers-Kronig {kk.verdict}: {kk.reason}"
+        objections.append(("fail" if kk.verdict == "fail" else "doubtful", text))
+    order: tuple[Level, ...] = ("pass", "doubtful", "fail")
+    worst = max((order.index(level) for level, _ in objections), default=0)
+    return Verdict(order[worst], tuple(reason for _, reason in objections))
 
 
 def limits_of(
@@ -88,7 +84,7 @@ def limits_of(
             f'the start "{name}" ends {distance:.2f} decades away at nearly the same misfit: the '
             "shifts have a second solution"
             for name, cost, distance in found.starts[1:]
-            if distance > _OTHER_SOLUTION and cost - best < _NEARLY_SAME_COST
+            if distance > SAME_SOLUTION and cost - best < STRONG_EVIDENCE
         ]
     gaps = _pairs(overlap, overlap["overlap"].values <= 0, "{} and {} °C (by {:.2f} decades)", -overlap["overlap"])
     if gaps:
@@ -99,7 +95,7 @@ def limits_of(
     law = found.model.horizontal
     if law in ("wlf", "arrhenius") and points.count > len(chosen.parameters) + 1:
         gain = free_shifts_gain(points, found)
-        if gain > _LAW_HOLDS:
+        if gain > HOLDS:
             notes.append(
                 f"the {law} law does not hold over these temperatures: free shifts fit better "
                 f"(F = {gain:.1f}); use law=None and look for a transition"
