@@ -142,12 +142,11 @@ def misstated(text: str, extent: Extent, file: str) -> str:
         name, value, u = match[1], float(match[2]), match[3]
         if (name, file) == ("scale", "session.toml"):
             return match[0]  # of a specimen's moduli: its error is drawn where its export is written
-        # that of a stated height holds the scatter of the release
-        spread = sqrt(float(u) ** 2 - (1e3 * extent.rig.height_scatter) ** 2) if name == "height" else float(u)
+        hidden = 1e3 * extent.rig.height_scatter * (name == "height")  # the error of a height holds that of the release
         place = [*file.encode(), match.start()] if name in ("height", "scale") else []
         random = np.random.default_rng([extent.seed, *match[0].encode(), *place])
         while True:
-            found = true.get((name, value), value) + spread * float(random.standard_normal())
+            found = true.get((name, value), value) + sqrt(float(u) ** 2 - hidden**2) * random.standard_normal()
             if name != "nu" or found < 0.5:  # nobody states more for an isotropic solid
                 return f'{name} = "{found:.{len(u)}f} ± {u}'
 
