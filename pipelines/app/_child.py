@@ -17,11 +17,21 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130
 
 
-def main(mode: str, folder: Path) -> int:
-    """Process or watch a session and report each event; return an exit code."""
+def main(mode: str, folder: Path, seconds: float = 2.0) -> int:
+    """Process a session, or watch it by looks so far apart, and report each event; return an exit code."""
     threading.Thread(target=_end_with_the_page, daemon=True).start()
     try:
-        return _watched(folder) if mode == "watch" else _processed(folder)
+        if mode != "watch":
+            return _processed(folder)
+        from pipelines.session import verdict_on, watch
+
+        watcher = watch(folder, jobs=1)
+        while True:
+            for news in watcher.look():
+                _tell(kind="news", experiment=news.experiment, state=news.state, message=news.text)
+                if news.state == "processed":
+                    _tell_verdict(verdict_on(folder, news.experiment))
+            time.sleep(seconds)
     except KeyboardInterrupt:
         _tell(kind="stopped", message="stopped; results that were complete are kept")
         return _INTERRUPTED
@@ -65,19 +75,6 @@ def _processed(folder: Path) -> int:
         _tell(kind="waiting", experiment=name, message="\n".join(shortened(name, lines)))
     _tell(kind="finished", message=outcome.summary, reports=sorted(outcome.reports))
     return outcome.exit_code
-
-
-def _watched(folder: Path, seconds: float = 2.0) -> int:
-    """Process what arrives, with so many seconds between two looks at the folder."""
-    from pipelines.session import verdict_on, watch
-
-    watcher = watch(folder, jobs=1)
-    while True:
-        for news in watcher.look():
-            _tell(kind="news", experiment=news.experiment, state=news.state, message=news.text)
-            if news.state == "processed":
-                _tell_verdict(verdict_on(folder, news.experiment))
-        time.sleep(seconds)
 
 
 if __name__ == "__main__":

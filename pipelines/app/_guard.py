@@ -47,12 +47,21 @@ class Guard:
         policy = REPORT_POLICY if path.startswith("/reports/") else POLICY
         headers = [(k.encode(), v.encode()) for k, v in (*_COMMON, ("content-security-policy", policy))]
 
+        taken = 0
+
+        async def receive_bounded() -> Message:
+            """Cut a body off that is longer than it may be, whatever length it stated."""
+            nonlocal taken
+            message = await receive()
+            taken += len(message.get("body", b""))
+            return {"type": "http.disconnect"} if taken > _MOST_BYTES else message
+
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message.get("headers", []), *headers]
             await send(message)
 
-        await self.app(inner, _bounded(receive), send_guarded)
+        await self.app(inner, receive_bounded, send_guarded)
 
     def _problem(self, scope: MutableMapping[str, Any]) -> tuple[int, str] | None:
         """Return the status and the reason of a refusal."""
@@ -81,16 +90,3 @@ _COMMON = (
     ("x-content-type-options", "nosniff"),
     ("cross-origin-resource-policy", "same-origin"),
 )
-
-
-def _bounded(receive: Receive) -> Receive:
-    """Cut a body off that is longer than it may be, whatever length it stated."""
-    taken = 0
-
-    async def receive_bounded() -> Message:
-        nonlocal taken
-        message = await receive()
-        taken += len(message.get("body", b""))
-        return {"type": "http.disconnect"} if taken > _MOST_BYTES else message
-
-    return receive_bounded

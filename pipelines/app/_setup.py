@@ -9,7 +9,7 @@ import itertools
 import re
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from datetime import date, datetime
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -291,6 +291,9 @@ def _fields(
         # texts need no quotation marks here
         expected = describe(of).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
         options = [typing.get_args(o) for o in typing.get_args(bare) if typing.get_origin(o) is Literal]
+        text = "" if value is None or is_gap(value) else str(value)
+        if text and isinstance(value, bool | list | dict):
+            text = edits.inline(value) if isinstance(value, dict) else files.canonical(value)
         is_list = typing.get_origin(bare) is list
         is_files = is_list and mark(typing.get_args(bare)[0], FileMark) is not None
         yield {
@@ -298,7 +301,7 @@ def _fields(
             "place": list(place),
             "dotted": counted(dotted(place)),
             "label": " ".join(word for word in words if word != "values"),
-            "text": "" if value is None or is_gap(value) else _as_text(value),
+            "text": text,
             "files": value if is_files and isinstance(value, list) else None,
             "expected": f"one of {', '.join(library_names())}" if path[-1] == "material" else expected,
             "remark": remarks.get(place, ""),
@@ -325,8 +328,15 @@ def _suggestions(
     key = field["place"][-1]
     if key == "material":
         return list(library_names())
-    if key == "columns":
-        return _columns_of(folder, tables[name])
+    if key == "columns":  # of recordings that no instrument recognises, as far as their headings tell
+        proposed = []
+        for text in dict.fromkeys(texts_in(tables[name])):
+            with contextlib.suppress(InputError, OSError):  # not the name of a file
+                path = safe_join(folder, text)
+                status = path.stat()
+                if path.is_file() and path.suffix != ".toml":
+                    proposed.append(_proposed_columns(path, status.st_size, status.st_mtime_ns))
+        return list(dict.fromkeys(filter(None, proposed)))
     if sort := _record_of(kind, field["place"]):
         return [record for record, tree in records.items() if tree.get("kind") == sort]
     inputs = [text.split("/") for stage in kind.stages for text in stage.inputs if text.startswith(OTHER)]
@@ -336,30 +346,6 @@ def _suggestions(
     polymer = material_word(name)
     own = [other for other in fits if polymer is not None and material_word(other) == polymer]
     return own or fits
-
-
-def _as_text(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, date):
-        return value.isoformat()
-    if isinstance(value, dict):
-        return edits.inline(value)
-    return files.canonical(value) if isinstance(value, list) else str(value)
-
-
-def _columns_of(folder: Path, table: Any) -> list[str]:
-    """Propose the columns of the recordings that no instrument recognises, as far as their headings tell."""
-    proposed = []
-    for name in dict.fromkeys(texts_in(table)):
-        try:
-            path = safe_join(folder, name)
-            status = path.stat()
-        except (InputError, OSError):  # not the name of a file
-            continue
-        if path.is_file() and path.suffix != ".toml":
-            proposed.append(_proposed_columns(path, status.st_size, status.st_mtime_ns))
-    return list(dict.fromkeys(filter(None, proposed)))
 
 
 @lru_cache(1024)  # the page asks after every change
