@@ -17,15 +17,7 @@ from pipelines.experiments.shared.judgements import Scene, Title
 from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import rows
-from pipelines.experiments.static_loading.measured import (
-    SIDE,
-    clear_steps,
-    creep_design,
-    creep_fit,
-    settled,
-    spans,
-    valid,
-)
+from pipelines.experiments.static_loading.measured import SIDE, clear_steps, creep_design, creep_fit, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 MATERIAL = "approach against the material"
@@ -115,7 +107,8 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     steep = 1.5 * np.sqrt(depth)
     # of each load alone: the design is linear in the forces
     alone = [creep_design(elapsed, steps.assign(force=("load", one)), radius)[0] for one in np.diag(force)]
-    shares = [np.clip((elapsed - begin) / (end - begin), 0.0, 1.0) for begin, end in spans(steps)]
+    spans = zip(steps["begin"].values, steps["end"].values, strict=True)
+    shares = [np.clip((elapsed - begin) / (end - begin), 0.0, 1.0) for begin, end in spans]
     slopes = -np.column_stack([*(each @ weights / steep for each in alone), *shares])
     # first touch and creep are free
     free = np.column_stack([np.ones(used.size), design / steep[:, None]])
