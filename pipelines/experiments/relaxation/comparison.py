@@ -54,7 +54,8 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         for part, (since, before) in (spans | {"all": (begin, last)}).items():
             there = gap[(time >= since) & (time <= before)]
             error = float(np.sqrt(np.mean(there**2))) / extent if there.size else np.nan
-            at = since + (mach1_readings.filter_settles(loads) if part == "early" else 0.0)
+            # the filter is on its way, and details of the ramp count for as long as it lasted
+            at = since + max(mach1_readings.filter_settles(loads), end - begin) * (part == "early")
             within = inside.start + np.flatnonzero((time >= at) & (time <= before))
             places = split(loads["time"].values, within, at, before, end) if part != "all" else []
             along = laid_along(loads, measured, passed, places, model) if places else None

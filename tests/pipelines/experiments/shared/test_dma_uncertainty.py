@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from pipelines.experiments.dma.measured import gathered, readings
+from pipelines.experiments.dma.measured import readings, sweeps
 from pipelines.experiments.dma.model import master_curve
 from pipelines.experiments.dma.settings import Fit
 from pipelines.experiments.shared.material_choice import resolve, variations
@@ -33,7 +33,7 @@ def measured(folder: Path, name: str, seed: int, protocol: Protocol = CAMPAIGN) 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return master_curve(
-            gathered([readings(folder / export, settings=settings)], settings=settings), settings=settings
+            sweeps([readings(folder / export, settings=settings)], settings=settings), settings=settings
         )
 
 
