@@ -78,7 +78,27 @@ def beginning(path: Path, rows: int = 200) -> str:
 def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[str]]]]:
     del modified
     if first_bytes(path).startswith(_ZIP):
-        _check_archive(path)
+        # refused before anything is unpacked: what is no workbook, is encrypted, or unpacks to too much
+        try:
+            with zipfile.ZipFile(path) as archive:
+                parts = archive.infolist()
+                names = {part.filename for part in parts}
+        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError) as error:
+            raise _damaged(path, str(error)) from None
+        total, text, hint = sum(part.file_size for part in parts), "", ""
+        if not ({"xl/workbook.xml", "xl/workbook.bin"} & names or {"content.xml", "mimetype"} <= names):
+            text, hint = "a ZIP archive that holds no workbook", "Unpack it, and name the files in it."
+            if names and all(name.endswith(".npy") for name in names):
+                text, arrays = "an archive of NumPy arrays (.npz)", sorted(n.removesuffix(".npy") for n in names)[:4]
+                hint = f"It is a NumPy archive (.npz) of the arrays {', '.join(arrays)}: "
+                hint += "save them as CSV with headings and units."
+        elif total > MOST_BYTES:
+            text = f"the workbook unpacks to {total} bytes; at most {MOST_BYTES} are read"
+            hint = "This is no export of an instrument; export as CSV."
+        elif any(part.flag_bits & 1 for part in parts):
+            text, hint = "the workbook is encrypted", "Save it without a password."
+        if text:
+            raise SourceError(path, text, hint=hint)
     elif size > MOST_BYTES:
         raise SourceError(path, f"the workbook has {size} bytes, at most {MOST_BYTES} are read")
     command = [sys.executable, "-P", "-c", _CHILD, str(path.resolve()), str(_MEMORY)]
@@ -98,30 +118,6 @@ def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[s
         return " ".join((cell or "").split())
 
     return [(title, [list(map(text_of, row)) for row in rows]) for title, rows in found]
-
-
-def _check_archive(path: Path) -> None:
-    """Refuse an archive that is no workbook, is encrypted, or unpacks to too much, before anything is unpacked."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            parts = archive.infolist()
-            names = {part.filename for part in parts}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError) as error:
-        raise _damaged(path, str(error)) from None
-    total, text, hint = sum(part.file_size for part in parts), "", ""
-    if not ({"xl/workbook.xml", "xl/workbook.bin"} & names or {"content.xml", "mimetype"} <= names):
-        text, hint = "a ZIP archive that holds no workbook", "Unpack it, and name the files in it."
-        if names and all(name.endswith(".npy") for name in names):
-            text, arrays = "an archive of NumPy arrays (.npz)", sorted(name.removesuffix(".npy") for name in names)[:4]
-            hint = f"It is a NumPy archive (.npz) of the arrays {', '.join(arrays)}: "
-            hint += "save them as CSV with headings and units."
-    elif total > MOST_BYTES:
-        text = f"the workbook unpacks to {total} bytes; at most {MOST_BYTES} are read"
-        hint = "This is no export of an instrument; export as CSV."
-    elif any(part.flag_bits & 1 for part in parts):
-        text, hint = "the workbook is encrypted", "Save it without a password."
-    if text:
-        raise SourceError(path, text, hint=hint)
 
 
 def _damaged(path: Path, found: str) -> SourceError:

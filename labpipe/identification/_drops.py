@@ -144,21 +144,22 @@ class DropModel:
         found = np.stack([made[name].values for name in names], axis=1)
         shared = np.zeros(self.durations.size) if self.shared is None else self.shared
         recorded = zip(found, values("trigger", 0.0), values("pulse", 0.0), values("pixel", 1.0), strict=True)
-        return [self._observed(columns, late, pulse * shared, scale) for columns, late, pulse, scale in recorded]
-
-    def _observed(self, columns: Floats, late: float, longer: Floats, scale: float) -> Floats:
-        """Return the observed numbers of the impacts, from touch, duration and radius (column, impact)."""
-        touch, lasted, radii = columns[:, np.isfinite(columns[0])]
-        if not touch.size:
-            raise InputError("the sphere does not bounce: there is nothing to predict")
-        last = touch.size - 1
-        return np.concatenate(
-            [
-                touch[np.minimum(self.touches, last)] - touch[0] - late,
-                np.where(self.durations <= last, lasted[np.minimum(self.durations, last)], 0.0) + longer,
-                scale * np.where(self.radii <= last, radii[np.minimum(self.radii, last)], 0.0),
-            ]
-        )
+        numbers = []
+        for (
+            columns,
+            late,
+            pulse,
+            scale,
+        ) in recorded:  # the observed ones, from touch, duration and radius of the impacts
+            touch, lasted, radii = columns[:, np.isfinite(columns[0])]
+            if not touch.size:
+                raise InputError("the sphere does not bounce: there is nothing to predict")
+            last = touch.size - 1
+            times = touch[np.minimum(self.touches, last)] - touch[0] - late
+            durations = np.where(self.durations <= last, lasted[np.minimum(self.durations, last)], 0.0)
+            largest = np.where(self.radii <= last, radii[np.minimum(self.radii, last)], 0.0)
+            numbers.append(np.concatenate([times, durations + pulse * shared, scale * largest]))
+        return numbers
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,9 +62,25 @@ class Series:
 
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse unusable ones."""
+        import numpy as np
+
         bars = {} if self.u is None else {"u": self.u}
-        for field, array in _arrays(self.name, x=self.x, y=self.y, **bars).items():
-            object.__setattr__(self, field, array)
+        arrays = {name: np_float(values) for name, values in {"x": self.x, "y": self.y, **bars}.items()}
+        for name, array in arrays.items():
+            if array.ndim != 1:
+                raise InputError(f'series "{self.name}": {name} has {array.ndim} dimensions; expected one')
+            wrong = ~np.isfinite(array) if name == "x" else np.isinf(array)
+            if wrong.any():
+                state, hint = "infinite", "use NaN for a gap"
+                if name == "x":
+                    state, hint = "NaN or infinite", "drop those points, or set y to NaN for a gap"
+                text = f"{int(wrong.sum())} of {array.size} {name} values are {state}; {hint}"
+                raise InputError(f'series "{self.name}": {text}')
+        if len({array.size for array in arrays.values()}) > 1:
+            found = ", ".join(f"{name} {array.size}" for name, array in arrays.items())
+            raise InputError(f'series "{self.name}": arrays of different lengths ({found}); expected equal ones')
+        for name, array in arrays.items():
+            object.__setattr__(self, name, array)
 
     @property
     def curves(self) -> "tuple[Floats, ...]":
@@ -166,23 +182,3 @@ def np_float(values: "ArrayLike") -> "Floats":
     import numpy as np
 
     return np.asarray(values, dtype=np.float64)
-
-
-def _arrays(owner: str, **given: "ArrayLike") -> "dict[str, Floats]":
-    """Return arrays of float (n,), the first of them without gaps, all of one length and without infinities."""
-    import numpy as np
-
-    arrays = {name: np_float(values) for name, values in given.items()}
-    for name, array in arrays.items():
-        if array.ndim != 1:
-            raise InputError(f'series "{owner}": {name} has {array.ndim} dimensions; expected one')
-        wrong = ~np.isfinite(array) if name == "x" else np.isinf(array)
-        if wrong.any():
-            state, hint = "infinite", "use NaN for a gap"
-            if name == "x":
-                state, hint = "NaN or infinite", "drop those points, or set y to NaN for a gap"
-            raise InputError(f'series "{owner}": {int(wrong.sum())} of {array.size} {name} values are {state}; {hint}')
-    if len({array.size for array in arrays.values()}) > 1:
-        found = ", ".join(f"{name} {array.size}" for name, array in arrays.items())
-        raise InputError(f'series "{owner}": arrays of different lengths ({found}); expected equal ones')
-    return arrays

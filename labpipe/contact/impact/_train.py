@@ -133,7 +133,7 @@ class Train:
         now, least_speed = self.now, _SLOWEST_BOUNCE * self.expected.rest_speed
         while True:
             touched, speed = now.time, max(now.velocity, least_speed)
-            self._begun = self._begun or copy(now)
+            first = self._begun = self._begun or copy(now)
             if self.stepper is None and self._collocated(speed, end):
                 outcome, flight = "lift-off", self._time_of_flight()
                 if now.time < end and flight <= 0.0:  # the surface follows at once
@@ -153,7 +153,22 @@ class Train:
                     return
             if outcome == "end" or now.time >= end:
                 return
-            self._end_row()
+            # the row of a contact that ended in a flight
+            fall, incoming, outgoing = self.setting.fall_time, first.velocity, -now.velocity
+            self.rows.append(
+                (
+                    first.time + fall,
+                    now.time + fall,
+                    now.time - first.time,
+                    incoming,
+                    outgoing,
+                    outgoing / incoming if incoming > 0.0 else nan,
+                    *np.max(self._peaks, axis=0).tolist(),
+                    now.spring_work - now.stored - (first.spring_work - first.stored),
+                    now.stored,
+                )
+            )
+            self._begun, self._peaks = None, []
             stop = min(now.time + flight, end)
             self._keep_flight(copy(now), stop, end)
             if stop >= end or len(self.rows) == self.most:
@@ -195,26 +210,6 @@ class Train:
         if not one.rows_only:
             own = time[1:] if is_resting else time
             self.stretches.append((float(time[-1]), partial(stepped, records, one, is_resting), own))
-
-    def _end_row(self) -> None:
-        """Write the row of a contact that ended in a flight."""
-        first, last, fall = self._begun, self.now, self.setting.fall_time
-        assert first is not None  # noqa: S101 - it was touched
-        incoming, outgoing = first.velocity, -last.velocity
-        self.rows.append(
-            (
-                first.time + fall,
-                last.time + fall,
-                last.time - first.time,
-                incoming,
-                outgoing,
-                outgoing / incoming if incoming > 0.0 else nan,
-                *np.max(self._peaks, axis=0).tolist(),
-                last.spring_work - last.stored - (first.spring_work - first.stored),
-                last.stored,
-            )
-        )
-        self._begun, self._peaks = None, []
 
     def _step_on(self, reach: float | None = None) -> Stepper:
         """Go on with springs, out to a radius [m] or to where there are dents."""

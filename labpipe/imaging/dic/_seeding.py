@@ -82,40 +82,30 @@ def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], hal
     score : float [1]
         Correlation of the full-size template. None of both when nothing in the frame resembles the subset.
     """
+    import cv2
+
     best: tuple[Floats, float] | None = None
     # A wide template is unmistakable, but may hold background; the subset alone does not.
     for reach in sorted({max(half, _TEMPLATE), half}, reverse=True):
-        for shift in _coarse_shifts(reference, frame, centre, reach):
+        factor, (rows, columns) = reference.factor, reference.small.shape
+        left, top = max(0, (centre[0] - reach) // factor), max(0, (centre[1] - reach) // factor)
+        right, bottom = min(columns, (centre[0] + reach) // factor + 1), min(rows, (centre[1] + reach) // factor + 1)
+        template = reference.small[top:bottom, left:right]
+        if min(template.shape) < 4 or float(template.std()) == 0.0:
+            continue
+        scores = np.nan_to_num(cv2.matchTemplate(frame.small, template, cv2.TM_CCOEFF_NORMED), nan=-1.0, posinf=-1.0)
+        for _ in range(_CANDIDATES):  # the best few places of the reduced frame
+            row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+            if scores[row, column] < _COARSE_SCORE:
+                break
+            shift = int(column - left) * factor, int(row - top) * factor
+            scores[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = -1.0
             found = _refine(reference, frame, centre, half, shift)
             if found is not None and (best is None or found[1] > best[1]):
                 best = found
         if best is not None and best[1] > _FULL_SCORE:
             return best
     return best
-
-
-def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:
-    """Displacements (full px) of the best few places in the reduced frame."""
-    import cv2
-
-    factor = reference.factor
-    rows, columns = reference.small.shape
-    left = max(0, (centre[0] - reach) // factor)
-    top = max(0, (centre[1] - reach) // factor)
-    right = min(columns, (centre[0] + reach) // factor + 1)
-    bottom = min(rows, (centre[1] + reach) // factor + 1)
-    template = reference.small[top:bottom, left:right]
-    if min(template.shape) < 4 or float(template.std()) == 0.0:
-        return []
-    scores = np.nan_to_num(cv2.matchTemplate(frame.small, template, cv2.TM_CCOEFF_NORMED), nan=-1.0, posinf=-1.0)
-    found = []
-    for _ in range(_CANDIDATES):
-        row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
-        if scores[row, column] < _COARSE_SCORE:
-            break
-        found.append((int(column - left) * factor, int(row - top) * factor))
-        scores[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = -1.0
-    return found
 
 
 def _refine(

@@ -39,54 +39,45 @@ def find_edge(frame: NDArray[np.generic], x: float, y: float, radius: float, bla
     """Circle through the points where the light is half way between spot and surroundings.
 
     The spot must be known to a tenth of its radius (px); ``black`` is the grey level of darkness. None where there is
-    no even, round spot.
+    no even, round spot: it is even to 15 % of its contrast well inside (0.7 of its radius), and its contrast is 10 % of
+    the light.
     """
     edge: Edge | None = None
-    for _ in range(2):
-        edge = _edge_about(frame, x, y, radius, black)
-        if edge is None:
+    for _ in range(2):  # profile about the centre, then a point in every direction, then a circle
+        bins = int(1.5 * radius) + 4
+        profile, counts = radial_profile(frame, x, y, 1.0, bins)
+        is_seen, core = counts > 0, slice(0, max(int(0.7 * radius), 2))
+        plateau = profile[core][is_seen[core]]
+        near = slice(int(0.6 * radius), bins)
+        if len(plateau) < 2 or not is_seen[near].all():
+            near = slice(near.start, near.start + int(is_seen[near].argmin()))
+        if len(plateau) < 2 or near.stop - near.start < 4:
             return None
-        x, y, radius = edge.x, edge.y, edge.half_radius
+        inside, line = float(np.median(plateau)), profile[near]
+        is_dark = inside < float(line.max()) - (inside - float(line.min()))
+        outside = float(line.max() if is_dark else line.min())
+        contrast = abs(outside - inside)
+        if contrast < 0.1 * (max(outside, inside) - black) or float(plateau.std()) > 0.15 * contrast:
+            return None
+        levels = [_crossing(line, inside + share * (outside - inside)) for share in (0.25, 0.5, 0.75)]
+        quarter, half, three = levels
+        if quarter is None or half is None or three is None:
+            return None
+        points = _points(frame, x, y, near.start + half + 0.5, 0.5 * (inside + outside))
+        if len(points) < _LEAST_SECTORS:
+            return None
+        try:
+            new_x, new_y, new_radius = fit_circle(points)
+        except InputError:
+            return None
+        scatter = float(np.std(np.hypot(points[:, 0] - new_x, points[:, 1] - new_y)))
+        # beyond this scatter it is no circle
+        if scatter > max(0.03 * new_radius, 1.0) or not 0.5 < new_radius / radius < 2.0:
+            return None
+        softness = max(three - quarter, 0.0)
+        edge = Edge(new_x, new_y, new_radius, scatter, len(points), softness, inside, outside)
+        x, y, radius = new_x, new_y, new_radius
     return edge
-
-
-def _edge_about(frame: NDArray[np.generic], x: float, y: float, radius: float, black: float) -> Edge | None:
-    """One round: profile about the centre, then a point in every direction, then a circle.
-
-    A spot is even to 15 % of its contrast well inside (0.7 of its radius), and its contrast is 10 % of the light.
-    """
-    bins = int(1.5 * radius) + 4
-    profile, counts = radial_profile(frame, x, y, 1.0, bins)
-    is_seen, core = counts > 0, slice(0, max(int(0.7 * radius), 2))
-    plateau = profile[core][is_seen[core]]
-    near = slice(int(0.6 * radius), bins)
-    if len(plateau) < 2 or not is_seen[near].all():
-        near = slice(near.start, near.start + int(is_seen[near].argmin()))
-    if len(plateau) < 2 or near.stop - near.start < 4:
-        return None
-    inside, line = float(np.median(plateau)), profile[near]
-    is_dark = inside < float(line.max()) - (inside - float(line.min()))
-    outside = float(line.max() if is_dark else line.min())
-    contrast = abs(outside - inside)
-    if contrast < 0.1 * (max(outside, inside) - black) or float(plateau.std()) > 0.15 * contrast:
-        return None
-    levels = [_crossing(line, inside + share * (outside - inside)) for share in (0.25, 0.5, 0.75)]
-    quarter, half, three = levels
-    if quarter is None or half is None or three is None:
-        return None
-    points = _points(frame, x, y, near.start + half + 0.5, 0.5 * (inside + outside))
-    if len(points) < _LEAST_SECTORS:
-        return None
-    try:
-        new_x, new_y, new_radius = fit_circle(points)
-    except InputError:
-        return None
-    scatter = float(np.std(np.hypot(points[:, 0] - new_x, points[:, 1] - new_y)))
-    # beyond this scatter it is no circle
-    if scatter > max(0.03 * new_radius, 1.0) or not 0.5 < new_radius / radius < 2.0:
-        return None
-    softness = max(three - quarter, 0.0)
-    return Edge(new_x, new_y, new_radius, scatter, len(points), softness, inside, outside)
 
 
 def _crossing(line: Floats, level: float) -> float | None:
