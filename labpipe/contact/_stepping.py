@@ -35,12 +35,10 @@ DISPLACEMENT, FORCE, INERTIA = range(3)
 DONE, TOO_MANY, RELEASED, RESTING, FULL = range(5)
 #: Margin of the factor on a step that would just meet the tolerance, and its bounds.
 MARGIN, SHRINK, GROW = 0.85, 0.1, 4.0
-# Steps ten times shorter each that may look like a contact that is not nested.
-_UNNESTED_STEPS = 8
 _MAX_STEPS_PER_INTERVAL = 20_000
 #: A contact ends where its force has fallen to this part of its largest.
 AT_LIFT_OFF = 1e-11
-# No step is shorter than this part of the longest.
+# No step is shorter than this part of the longest: a contact that still looks as if it were not nested is not.
 _SHORTEST = 1e-12
 # One that has lasted longer than the period at rest only rings down: its steps may err more.
 _LENIENCY = 8.0
@@ -319,7 +317,7 @@ def cross(
     rejected ones, solutions. Returns DONE, TOO_MANY, NOT_NESTED or OUTGROWN.
     """
     bed, law, room = on
-    elapsed, step, unnested = 0.0, min(step, length), 0
+    elapsed, step = 0.0, min(step, length)
     nobody = Body(0.0, 0.0, 0.0, 0.0, 0.0)
     slope = (last - first) / length if length > 0.0 else 0.0  # a jump is one step of no length
     rigid, softest = law.instantaneous, scales[1]
@@ -335,13 +333,12 @@ def cross(
             return OUTGROWN
         if made.touched == NOT_NESTED:
             # A step that is too long rings and looks like it; a profile that is not nested stays so in any step.
-            unnested += 1
-            if unnested > _UNNESTED_STEPS:
+            if dt <= _SHORTEST * length:
                 return NOT_NESTED
         else:
             # Springs that leave the contact carry no load in either solution, but differ in how far they have crept,
             # which counts as a load under slow loading.
-            unnested, total = 0, 0.0
+            total = 0.0
             whole = law.instantaneous + room.one[2].sum()
             for j in range(bed.gap.size):
                 crept = room.past_end[j] + (made.compliance - rigid) * room.end[j]
@@ -402,7 +399,7 @@ def swing(
     RELEASED, RESTING, FULL, NOT_NESTED or OUTGROWN.
     """
     room = on.room
-    row, unnested, start = 0, 0, room.start_motion
+    row, start = 0, room.start_motion
     start[0], start[1], start[2] = now.position, now.velocity, now.acceleration
     start[3], start[4], start[5] = now.plate_displacement, now.plate_velocity, now.plate_acceleration
     while row < trail.size:
@@ -414,8 +411,7 @@ def swing(
         if made.touched == OUTGROWN:
             return row, OUTGROWN
         if made.touched == NOT_NESTED:
-            unnested += 1
-            if unnested > _UNNESTED_STEPS:
+            if is_tiny:
                 return row, NOT_NESTED
             counts[1] += 1
             pace.dt = dt * SHRINK
@@ -436,7 +432,7 @@ def swing(
             if row > 0:  # at the time of the last step
                 trail[row - 1] = now
             return row, RELEASED
-        error, unnested = made.error / (rules.allowed * pace.leniency), 0
+        error = made.error / (rules.allowed * pace.leniency)
         factor = MARGIN * min(max(error, 1e-12), 1e12) ** (-1.0 / 3.0)  # of third order
         if not error <= 1.0:
             if is_tiny:

@@ -24,9 +24,9 @@ _SPRINGS_PER_RADIUS, _MOST_SPRINGS = 40, 1500
 _RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 80, 1200
 # Steps per decade of time at rest.
 _STEPS_PER_DECADE = 12
-# Rest is an amplitude below rtol times the static sag, within these bounds; a sphere whose rest is not followed stays
-# where its swing and the plate's are each below a larger part.
-_REST_RANGE, _STAYS = (1e-5, 1e-3), 0.3
+# Rest is an amplitude below rtol times the static sag; a sphere whose rest is not followed stays where its swing and
+# that of the plate are each below a larger part.
+_STAYS = 0.3
 # Springs that are outgrown are extended to this multiple of their reach.
 _EXTENSION = 1.3
 # Steps between two looks at limits and progress.
@@ -83,7 +83,7 @@ class Stepper:
         # What has decayed this far would only slow the processor down (subnormal numbers).
         room.memory[np.abs(room.memory) < 1e-200] = 0.0
         room.load[:] = 0.0
-        tolerance = _STAYS if one.rows_only else min(max(one.rtol, _REST_RANGE[0]), _REST_RANGE[1])
+        tolerance = _STAYS if one.rows_only else one.rtol
         period = max(expected.rest_period, 1.0 / one.plate.frequency if one.plate else 0.0)
         self._rules = Rules(
             allowed=(_STEP_SHARE * one.rtol) ** 1.5 * max(speed, expected.rest_speed),
