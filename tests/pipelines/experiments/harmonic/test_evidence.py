@@ -27,7 +27,7 @@ def simulated(results: Results, solid: Prony) -> tuple[np.ndarray, np.ndarray, n
     told: Any = derive(results, results.experiments["nbr"], KINDS["harmonic"].evidence, name="nbr", impacts=6)
     loads = results.result("nbr", "loads")
     touch = mach1_readings.touch_of(mach1_readings.first_touch(loads, None))
-    truth = json.loads((results.folder / "truth/nbr.json").read_text(encoding="utf-8"))
+    truth = json.loads((results.plan.session.root / "truth/nbr.json").read_text(encoding="utf-8"))
     given = {p.name: p.mean for p in told.unknowns}
     given["nbr first touch"] = truth["surface"] - touch.value
     made = told.build(np.asarray(solid.rho)).model.predict(solid, given, is_full=True)
