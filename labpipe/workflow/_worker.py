@@ -167,12 +167,7 @@ class Job:
         """Call the function, and refuse its result where a file has changed before it returned or failed."""
         import xarray as xr
 
-        module, _, name = task.stage.function.partition(":")
-        try:
-            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, SyntaxError) as error:
-            text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
-            raise StageError(text) from error
+        function = _import(task)
         arguments = [argument.arranged(lambda slot: self._value(task, slot)) for argument in task.arguments]
         settings = self.plan.session.experiments[task.id.experiment].settings
         is_narrow = EXCLUDE in task.stage.parameters
@@ -222,3 +217,13 @@ class Job:
                 for attribute in _OURS:
                     result.attrs.pop(attribute, None)
         return result
+
+
+def _import(task: Task) -> Callable[..., Any]:
+    """Return the function of a task."""
+    module, _, name = task.stage.function.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, SyntaxError) as error:
+        text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
+        raise StageError(text) from error

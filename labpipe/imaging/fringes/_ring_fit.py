@@ -66,8 +66,8 @@ OPTICAL = (Parameter.BLUR, Parameter.BEAMS, Parameter.SPREAD, Parameter.FLAT)
 #: Parameters that are taken as known in every frame.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
 
-#: Damping after a first bad step, and the factor by which it grows after others and falls after good ones. Before, it
-#: is so small that a radius which hardly differs from a shift of the centre is not held back.
+#: Damping after a first bad step, and the factor by which it grows after others; after good ones it falls by the square
+#: of that. At first it is so small that a radius which hardly differs from a shift of the centre is not held back.
 _DAMPING, _FACTOR = 1e-3, 10.0
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that noise may also
 #: make it negative.
@@ -322,7 +322,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         evaluations += 1
         # The pixels at the limits change with the centre: means are compared, not sums.
         if is_small or tried.squares * sums.pixels <= sums.squares * tried.pixels:
-            best, sums, damping = trial, tried, damping / _FACTOR
+            best, sums, damping = trial, tried, damping / _FACTOR**2
             is_reported = is_settled = is_small
         elif gain < sums.squares:
             is_settled = True  # what is left is less than one variance: pixels that come and go at the limits
