@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe.judging import along_curve, stretch_means, stretches
 from labpipe.signals import nrmse
 from labpipe.units import Quantity
 from labpipe.variables import variable
@@ -23,7 +24,7 @@ from pipelines.experiments.shared.comparison_rows import (
     with_its_u,
 )
 from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
-from pipelines.experiments.shared.punch_model import laid_along
+from pipelines.experiments.shared.punch_model import effects
 
 _PARTS = 4 * STRETCHES
 """Stretches of a cycle that are compared, as many in each quarter as in a part of another curve."""
@@ -36,6 +37,7 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
     agreed = []
     measured, simulated = loads["force"].values, mach1_readings.passed(loads, model["force"].values)
+    shared = effects(loads, simulated, model)
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         where, used = evaluated(loads, at)
@@ -44,7 +46,7 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         cycles = (loads["time"].values[samples] - float(at["begin"])) * float(at["frequency"])
         part = np.floor(_PARTS * (cycles % 1.0))
         places = [samples[part == number] for number in range(_PARTS)]
-        along = laid_along(loads, measured, simulated, places, model)
+        along = along_curve(*stretches(measured - simulated, places), stretch_means(shared, places))
         agreed.append((along, nrmse(force, passed), float(np.mean(force - passed))))
     table = curve_table("oscillation", agreed, "N")
     table["simulated_force"] = variable("sample", simulated, "N", "simulated force, filtered")

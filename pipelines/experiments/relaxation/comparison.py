@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import Agreement
+from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.measured import samples
@@ -23,7 +23,7 @@ from pipelines.experiments.shared.comparison_rows import (
     with_its_u,
 )
 from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
-from pipelines.experiments.shared.punch_model import TOUCH, laid_along
+from pipelines.experiments.shared.punch_model import TOUCH, effects
 
 _PARTS = ("ramp", "early", "late")
 
@@ -42,6 +42,7 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     # each file has a first touch of its own: what the files have in common is the punch and the solid
     measured, common, slopes, plateaus = loads["force"].values, model.drop_sel(uncertain=TOUCH), [], []
     agreed: dict[str, list[tuple[Agreement | None, float, float]]] = {}
+    shared = effects(loads, passed, model)
     for number, inside in enumerate(samples(ramps)):
         ramp, theirs, gap = ramps.isel(ramp=number), passed[inside], (measured - passed)[inside]
         time, begin, end, last = loads["time"].values[inside], *(float(ramp[name]) for name in ("begin", "end", "last"))
@@ -58,8 +59,11 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
             at = since + max(mach1_readings.filter_settles(loads), end - begin) * (part == "early")
             within = inside.start + np.flatnonzero((time >= at) & (time <= before))
             places = split(loads["time"].values, within, at, before, end) if part != "all" else []
-            along = laid_along(loads, measured, passed, places, model) if places else None
-            agreed.setdefault(part, []).append((along, error, float(there.mean()) if there.size else np.nan))
+            mean = float(there.mean()) if there.size else np.nan
+            along = None
+            if places:
+                along = along_curve(*stretches(measured - passed, places), stretch_means(shared, places))
+            agreed.setdefault(part, []).append((along, error, mean))
         slopes.append(common["slope"].values[:, inside][:, late].mean(axis=1, dtype=float))
     text = "simulated force, behind the cell's filter"
     table = with_u("simulated_force", "sample", passed, u_passed, "N", text, "from touch, punch and solid")

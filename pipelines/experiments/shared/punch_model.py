@@ -5,7 +5,6 @@ measured one, whatever was commanded.
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,10 +13,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe import contact
-from labpipe.arrays import Floats, Integers
+from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
-from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
@@ -100,20 +98,15 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
     return sources
 
 
-def laid_along(
-    loads: xr.Dataset, force: Floats, simulated: Floats, places: Sequence[Integers], model: xr.Dataset
-) -> Agreement | None:
-    """Lay a force (sample,) [N] against that of a model in stretches of it.
+def effects(loads: xr.Dataset, simulated: Floats, model: xr.Dataset) -> Floats:
+    """Return the changes (effect, sample) [N] of measured minus simulated force by one u of each source of error.
 
-    They share tare, gain and the delay of the cell, and the inputs of the model.
+    They are tare, gain and delay of the cell, and the inputs of the model, these behind the cell's filter.
     """
-    means, own = stretches(force - simulated, places)
-    ours, slope = stretch_means([force, np.gradient(simulated, float(loads["sampling_interval"][0]))], places)
-    tare = np.full(len(places), float(loads["u_tare"]))
-    of_cell = [tare, relative_gain(loads) * ours, mach1_readings.filter_delay(loads).u * slope]
-    u = model["input_u"].values
-    of_model = u[u > 0.0, None] * stretch_means(model["slope"].values[u > 0.0], places)
-    return along_curve(means, own, np.array([*of_cell, *of_model]))
+    of_cell = [np.full(simulated.size, float(loads["u_tare"])), relative_gain(loads) * loads["force"].values]
+    of_cell += [mach1_readings.filter_delay(loads).u * np.gradient(simulated, float(loads["sampling_interval"][0]))]
+    known = [(float(u), slope) for u, slope in zip(model["input_u"].values, model["slope"].values, strict=True) if u]
+    return np.array([*of_cell, *(u * mach1_readings.passed(loads, slope.astype(float)) for u, slope in known)])
 
 
 def absent(settings: Indentation, found: xr.Dataset) -> str:
