@@ -61,7 +61,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        checks += _of_frames(track, bounces, settings)
+        relative = 0.0 if motion is None else float(motion.attrs["u_systematic_relative"])
+        checks += _of_frames(track, bounces, settings, relative)
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         checks += [
@@ -97,8 +98,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     return Scene(checks, causes, given.each([rows]), basis=basis, unstated=another)
 
 
-def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Iterator[Check]:
-    """Evaluate the view of the film, and the order of its frames."""
+def _of_frames(
+    track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation, relative: float
+) -> Iterator[Check]:
+    """Evaluate the view of the film, whose scale has a ``relative`` u, and the order of its frames."""
     film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
     share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
@@ -133,7 +136,8 @@ def _of_frames(track: xr.Dataset, bounces: xr.Dataset | None, settings: DicValid
             by, when = broken[1], quantity(float(steady["time"][broken[0]]), "s")
             how = f"{by:+.2g} px" if name == PLACE else f"{100 * by:+.2f} %"
             text = f"the {name} jumps by {how} at {when}"
-        yield Check(name, f"{film}: {text}", "doubtful" if broken else None, cause=cause, file=film)
+        matters = broken is not None and (name == PLACE or abs(broken[1]) > relative)
+        yield Check(name, f"{film}: {text}", "doubtful" if matters else None, cause=cause, file=film)
     begin, end = track["time"].values[:-1], track["time"].values[1:]
     if bounces is None:  # after rest only every eighth frame is read
         is_even = end - begin < LONGER * np.median(end - begin)

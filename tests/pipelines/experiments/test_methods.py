@@ -27,9 +27,8 @@ SPHERE = Sphere(radius=Quantity(9.5e-3, 5e-6, "m"), mass=Quantity(0.5, 1e-3, "kg
     ],
 )
 def test_a_film_tells_how_its_frames_were_measured(codes: list[int], says: Any, hides: Any) -> None:
-    names = "none fringe_fit edge between_equal_frames wider_than_frame fringe_fit_open_gap"
-    flags = {"flag_values": list(range(6)), "flag_meanings": names}
-    radius = xr.Dataset({"method": ("frame", codes, flags), "in_contact": ("frame", np.ones(len(codes)))})
+    flag = {"flag_values": range(6), "flag_meanings": "none fringe_fit edge between_equal_frames - fringe_fit_open_gap"}
+    radius = xr.Dataset({"method": ("frame", codes, flag), "in_contact": ("frame", np.ones(len(codes)))})
     settings: Any = SimpleNamespace(sphere=SPHERE, wavelength=Quantity(633e-9, 0.0, "m"))
     _holds(film._methods(settings, radius), says, hides)
 
