@@ -21,8 +21,8 @@ from labpipe.imaging.fringes._search import is_contact
 
 #: Fringes of Hertz's gap over which the power law is taken to hold; its error shows over one more.
 _NEAR_FRINGES = 2.0
-#: Ratio of the three factors of the gap that are tried, and the factors between which it must come out.
-_RATIO, _LEAST_FACTOR, _MOST_FACTOR = 1.5, 0.3, 1.1
+#: Factors of the gap that are tried, and between which it must come out.
+_FACTORS, _LEAST_FACTOR, _MOST_FACTOR = (1.0, 0.7, 0.45), 0.3, 1.1
 
 
 def has_free_gap(fit: RingFit) -> bool:
@@ -48,10 +48,10 @@ def fit_open_gap(
     best: RingFit | None = None  # of some of the pixels, from every start, what leaves least
     for start in starts:
         width = edge_width(float(start[Parameter.RADIUS]), view.optics)
-        for power, below in itertools.product(range(3), (0.0, 0.5)):
+        for factor, below in itertools.product(_FACTORS, (0.0, 0.5)):
             trial = start.copy()
             trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
-            trial[Parameter.SCALE] = -power * math.log(_RATIO)
+            trial[Parameter.SCALE] = math.log(factor)
             trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
             fit = fit_contact(frame, trial, view.optics, near.quick, view.white)
             if fit is not None and _is_right(fit) and (best is None or fit.misfit < best.misfit):

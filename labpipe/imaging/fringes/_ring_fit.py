@@ -66,9 +66,9 @@ OPTICAL = (Parameter.BLUR, Parameter.BEAMS, Parameter.SPREAD, Parameter.FLAT)
 #: Parameters that are taken as known in every frame.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
 
-#: Damping after a first bad step, and the factor by which it grows after others; after good ones it falls by the square
-#: of that. At first it is so small that a radius which hardly differs from a shift of the centre is not held back.
-_DAMPING, _FACTOR = 1e-3, 10.0
+#: Damping at the start (so small that a radius which hardly differs from a shift of the centre is not held back),
+#: least after a bad step, and its change after good and bad steps.
+_DAMPING, _BAD_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-8, 1e-3, 0.01, 10.0, 1e6
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that noise may also
 #: make it negative.
 _LEAST_TRAVEL = 0.3
@@ -297,9 +297,9 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     reported = np.array([*settings.free, *(p for p in settings.assumed if p not in settings.free)], np.int64)
     moves = np.isin(free, CIRCLE)
     best = start.astype(float).copy()
-    damping, evaluations, is_settled, is_reported = math.sqrt(np.finfo(float).eps), 1, False, False
+    damping, evaluations, is_settled, is_reported = _DAMPING, 1, False, False
     sums = ring_sums(ring, best, free, optics)
-    while evaluations < settings.max_iterations and damping < 1.0 / _DAMPING and sums.pixels > len(free):
+    while evaluations < settings.max_iterations and damping < _MOST_DAMPING and sums.pixels > len(free):
         # the damped normal equations, scaled by their diagonal; the iteration ends when they have no solution
         scale = np.sqrt(np.maximum(np.diag(sums.normal), 1e-300))
         matrix = sums.normal / np.outer(scale, scale)
@@ -312,22 +312,22 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         trial[free] += step
         has_run_away = abs(trial[Parameter.SCALE]) > 1.0 or np.abs(trial[list(AXES)]).max() > 0.5
         if has_run_away or not (np.isfinite(trial).all() and 0.0 <= trial[Parameter.RADIUS] <= ring.outer):
-            damping = max(damping * _FACTOR, _DAMPING)
+            damping = max(damping * _MORE, _BAD_DAMPING)
             continue
         # The iteration ends when a step gains less than a hundredth of the variance of a pixel: it is then within a
         # tenth of its uncertainty of the minimum. The step itself is still made.
         gain = float(sums.right @ step) * sums.pixels
-        is_small = damping < _DAMPING and (gain < 0.01 * sums.squares or np.abs(step[moves]).max() < 2e-4)
+        is_small = damping < _BAD_DAMPING and (gain < 0.01 * sums.squares or np.abs(step[moves]).max() < 2e-4)
         tried = ring_sums(ring, trial, reported if is_small else free, optics, len(free) if is_small else 0)
         evaluations += 1
         # The pixels at the limits change with the centre: means are compared, not sums.
         if is_small or tried.squares * sums.pixels <= sums.squares * tried.pixels:
-            best, sums, damping = trial, tried, damping / _FACTOR**2
+            best, sums, damping = trial, tried, damping * _LESS
             is_reported = is_settled = is_small
         elif gain < sums.squares:
             is_settled = True  # what is left is less than one variance: pixels that come and go at the limits
         else:
-            damping = max(damping * _FACTOR, _DAMPING)
+            damping = max(damping * _MORE, _BAD_DAMPING)
         if is_settled:
             break
     if not is_reported:
