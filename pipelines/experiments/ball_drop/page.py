@@ -117,13 +117,14 @@ def _tables(
     remarks = list[str]()
     for at, (i, end) in enumerate(zip(known, rest, strict=True)):
         texts: dict[float, str] = {}  # by how much the recording differs from the others
-        for name, title, unit in (("drop_height", "fall", "m"), ("restitution", "first restitution", "1")):
+        outlying = (("drop_height", "fall", "m"), ("restitution", "first restitution", "1")) if flags[i] else ()
+        for name, title, unit in outlying:
             values = np.array([float(np.atleast_1d(each[name].values)[0]) for each in found])
-            others = float(np.nanmedian(np.delete(values, at))) if flags[i] else np.nan
+            others = float(np.nanmedian(np.delete(values, at)))
             own, usual = (quantity(value, unit, 4) for value in (float(values[at]), others))
             texts[abs(float(values[at]) / others - 1.0)] = f"outlier: {title} {own}, others {usual}"
         is_moving = ["still moving when the recording ends"] * (not np.isfinite(end))
-        remarks.append("; ".join([texts[max(texts)]] * bool(flags[i]) + is_moving))
+        remarks.append("; ".join([texts[each] for each in sorted(texts)[-1:]] + is_moving))
     columns = (
         Listed("recording", [settings.laser[i] for i in known]),
         *pages.columns(found, {"release_time": "release"}, has_u=False),

@@ -60,11 +60,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     track, motion, bounces, _, dropped = map(given.get, _STEPS)
     checks = of_film(context, settings, track, _FAILED, _MENDS)
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
+    relative = 0.0 if motion is None else float(motion.attrs["u_systematic_relative"])
     if track is not None:
-        relative = 0.0 if motion is None else float(motion.attrs["u_systematic_relative"])
         checks += _of_frames(track, bounces, settings, relative)
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
-        fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
+        fall = Fall(settings.film, bounces, relative)
         checks += [
             fall_checks.direction(fall, _UPSIDE_DOWN, file=fall.name),
             fall_checks.acceleration(fall, _GRAVITY),

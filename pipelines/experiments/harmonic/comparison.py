@@ -8,23 +8,13 @@ import xarray as xr
 
 from labpipe.judging import along_curve, stretch_means, stretches
 from labpipe.signals import nrmse
-from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import (
-    FORCE_SCALE,
-    STIFFNESS,
-    STRETCHES,
-    Row,
-    curve_row,
-    curve_table,
-    row,
-    with_its_u,
-)
-from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
-from pipelines.experiments.shared.punch_model import effects
+from pipelines.experiments.shared.comparison_rows import STRETCHES, Row, curve_row, curve_table, row, with_its_u
+from pipelines.experiments.shared.model_inputs import slopes_of, table_of
+from pipelines.experiments.shared.punch_model import effects, inputs_behind
 
 _PARTS = 4 * STRETCHES
 """Stretches of a cycle that are compared, as many in each quarter as in a part of another curve."""
@@ -50,8 +40,7 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
         agreed.append((along, nrmse(force, passed), float(np.mean(force - passed))))
     table = curve_table("oscillation", agreed, "N")
     table["simulated_force"] = variable("sample", simulated, "N", "simulated force, filtered")
-    inputs = {FORCE_SCALE: Quantity(1.0, mach1_readings.relative_gain(loads), "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
-    inputs, is_late = inputs | inputs_of(model), bool(oscillations.attrs["is_filter_corrected"])
+    inputs, is_late = inputs_behind(loads, model), bool(oscillations.attrs["is_filter_corrected"])
     omega = 2.0 * np.pi * oscillations["frequency"].values
     storage, loss = (omega * oscillations[f"{part}_stiffness"].values for part in ("storage", "loss"))
     work = np.pi * oscillations["amplitude"].values ** 2 * storage

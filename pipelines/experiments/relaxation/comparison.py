@@ -7,23 +7,13 @@ import numpy as np
 import xarray as xr
 
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.measured import samples
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import (
-    FORCE_SCALE,
-    STIFFNESS,
-    Row,
-    curve_row,
-    curve_table,
-    row,
-    split,
-    with_its_u,
-)
-from pipelines.experiments.shared.model_inputs import inputs_of, slopes_of, table_of
-from pipelines.experiments.shared.punch_model import TOUCH, effects
+from pipelines.experiments.shared.comparison_rows import Row, curve_row, curve_table, row, split, with_its_u
+from pipelines.experiments.shared.model_inputs import slopes_of, table_of
+from pipelines.experiments.shared.punch_model import TOUCH, effects, inputs_behind
 
 _PARTS = ("ramp", "early", "late")
 
@@ -71,11 +61,10 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         table |= curve_table("ramp", found, "N", f"_{part}")
     plateau, u = np.reshape(plateaus, (-1, 2)).T
     table |= with_u("plateau_force_model", "ramp", plateau, u, "N", "plateau force, model")
-    inputs = {FORCE_SCALE: Quantity(1.0, mach1_readings.relative_gain(loads), "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
     changes = [ramps["plateau_force"].values, -plateau, *(-np.transpose(slopes))]
     text = "change of the plateau's force, measured minus model, with an input, SI"
     table["slope"] = variable(("uncertain", "ramp"), np.array(changes), "1", text)
-    return xr.Dataset(table, coords={"ramp": ramps["ramp"]}).merge(table_of(inputs | inputs_of(common)))
+    return xr.Dataset(table, coords={"ramp": ramps["ramp"]}).merge(table_of(inputs_behind(loads, common)))
 
 
 def rows(ramps: Sequence[xr.Dataset | None], comparison: Sequence[xr.Dataset | None]) -> Iterator[Row]:

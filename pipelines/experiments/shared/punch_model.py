@@ -21,9 +21,10 @@ from labpipe.uncertainty import Source
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_readings, mach1_touch
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.mach1_readings import relative_gain
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.model_inputs import table_of
+from pipelines.experiments.shared.model_inputs import inputs_of, table_of
 from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 
 TOUCH = "first touch"
@@ -107,6 +108,12 @@ def effects(loads: xr.Dataset, simulated: Floats, model: xr.Dataset) -> Floats:
     of_cell += [mach1_readings.filter_delay(loads).u * np.gradient(simulated, float(loads["sampling_interval"][0]))]
     known = [(float(u), slope) for u, slope in zip(model["input_u"].values, model["slope"].values, strict=True) if u]
     return np.array([*of_cell, *(u * mach1_readings.passed(loads, slope.astype(float)) for u, slope in known)])
+
+
+def inputs_behind(loads: xr.Dataset, model: xr.Dataset) -> dict[str, Quantity]:
+    """Return the inputs of a comparison of forces: the cell's scale, a stiffness as a whole, and those of the model."""
+    scale = Quantity(1.0, relative_gain(loads), "1")
+    return {FORCE_SCALE: scale, STIFFNESS: Quantity(1.0, 0.0, "1")} | inputs_of(model)
 
 
 def absent(settings: Indentation, found: xr.Dataset) -> str:
