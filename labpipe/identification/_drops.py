@@ -144,13 +144,8 @@ class DropModel:
         found = np.stack([made[name].values for name in names], axis=1)
         shared = np.zeros(self.durations.size) if self.shared is None else self.shared
         recorded = zip(found, values("trigger", 0.0), values("pulse", 0.0), values("pixel", 1.0), strict=True)
-        numbers = []
-        for (
-            columns,
-            late,
-            pulse,
-            scale,
-        ) in recorded:  # the observed ones, from touch, duration and radius of the impacts
+        numbers = []  # the observed ones, from touch, duration and radius of the impacts
+        for columns, late, pulse, scale in recorded:
             touch, lasted, radii = columns[:, np.isfinite(columns[0])]
             if not touch.size:
                 raise InputError("the sphere does not bounce: there is nothing to predict")

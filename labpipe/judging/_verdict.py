@@ -66,13 +66,13 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[s
     """
     ranked = explain(checks, causes)
     explained = [replace(check, cause=check.cause or check.otherwise) for check in with_causes(checks, ranked)]
-    specific = []
-    for (
-        check
-    ) in explained:  # a failed step has the cause of the gravest finding about its recording, where there is one
-        known = [c for c in explained if not c.is_generic and c.cause and WEIGHT[c.level] > WEIGHT["note"]]
-        known = [c for c in known if not (check.file and c.recording) or c.recording == check.file]
-        if not check.is_generic or not known or check.level is None or check.line is not None:
+    specific = []  # a failed step has the cause of the gravest finding about its recording, where there is one
+    for check in explained:
+        known: list[Check] = []
+        if check.is_generic and check.level is not None and check.line is None:
+            known = [c for c in explained if not c.is_generic and c.cause and WEIGHT[c.level] > WEIGHT["note"]]
+            known = [c for c in known if not (check.file and c.recording) or c.recording == check.file]
+        if not known:
             specific.append(check)
             continue
         worst = min(known, key=_order)

@@ -141,9 +141,8 @@ class Job:
         result, caught = self._call(task, key)
         if is_page:
             files.write_text(page, result)
-        if (self._rests_on_failures(task.id) or key.value is None) and (
-            is_page or stage.context
-        ):  # made again in every run
+        is_passed_on = self._rests_on_failures(task.id) or key.value is None
+        if is_passed_on and (is_page or stage.context):  # made again in every run
             self.passed[task.id] = result
             return None
         work = {}
